@@ -17,8 +17,8 @@ from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.product import read_product
 from uwtrack_cli.flow.engine import run_recipe
-from uwtrack_cli.flow.next_looks import next_looks
 from uwtrack_cli.flow.shipped_recipes import load_recipe
+from uwtrack_cli.flow.suggestions import suggestions
 from uwtrack_cli.presence.level_humps import level_humps
 from uwtrack_cli.presence.presence import find_presence, rate_families
 from uwtrack_cli.presence.segment import MISSING, Segment, make_presence
@@ -281,9 +281,9 @@ def test_what_was_not_looked_for_is_named_where_no_vessel_was_found(uwtrack, sam
     slow = replace(recording, sample_rate_hz=50.0)
     done = {"zoom", "trace"}
     envelope = "--recipe presence"
-    assert envelope in next_looks(done, [("slow", slow), ("x.wav", recording)])[0]
-    assert not any(envelope in text for text in next_looks(done, [("slow", slow)]))
-    looked = next_looks(done | {"demon"}, [("x.wav", recording)])
+    assert envelope in suggestions(done, [("slow", slow), ("x.wav", recording)])[0]
+    assert not any(envelope in text for text in suggestions(done, [("slow", slow)]))
+    looked = suggestions(done | {"demon"}, [("x.wav", recording)])
     assert not any(envelope in text for text in looked)
 
 

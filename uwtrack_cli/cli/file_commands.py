@@ -173,16 +173,16 @@ def show(
     with open_product(file) as product:
         refuse_unknown_step([product], step)
         found = read_of_branch(product, CONTAINERS[table], sensor, step)
-        print_container(found, form, axis, _next_looks(product))
+        print_container(found, form, axis, _suggestions(product))
 
 
-def _next_looks(product: "Product") -> tuple[str, ...]:
+def _suggestions(product: "Product") -> tuple[str, ...]:
     """Return what to try next where the steps of a product found no vessel."""
-    from uwtrack_cli.flow.next_looks import next_looks
+    from uwtrack_cli.flow.suggestions import suggestions
 
     recordings = [(one.name, one) for one in product.read_all(Recording)]
     stages = {step.stage for step in product.history}
-    return next_looks(stages, recordings, list(product.read_all(Encounters)))
+    return suggestions(stages, recordings, list(product.read_all(Encounters)))
 
 
 def _show_result(file: Path, form: str, sensor: str | None, step: str | None) -> None:
@@ -208,11 +208,11 @@ def _show_result(file: Path, form: str, sensor: str | None, step: str | None) ->
         if name == "encounters" and "presence" in held:
             presence = read_of_branch(product, Presence, sensor, step)
         is_sought = name in {"presence", "encounters"}
-        looks = _next_looks(product) if is_sought else ()
+        suggestions = _suggestions(product) if is_sought else ()
     if form == "table" and is_shown(found):
         print_result(
             found, as_json=False, is_data=True, presence=presence,
-            next_looks=looks,
+            suggestions=suggestions,
         )  # fmt: skip
     else:
         put(write_table(found, form))

@@ -29,20 +29,20 @@ def is_shown(container: Container) -> bool:
 
 
 def print_container(
-    container: Container, form: str, axis: str | None, next_looks: Sequence[str] = ()
+    container: Container, form: str, axis: str | None, suggestions: Sequence[str] = ()
 ) -> None:
     """Print a container that was asked for on standard output.
 
     ``form``: how it is written; a table of results has the columns that fit a screen.
     ``axis``: the axis whose rows are written; None for those of the container itself.
-    ``next_looks``: what to try next, which is told where no vessel was found.
+    ``suggestions``: what to try next, which is told where no vessel was found.
     """
     from uwtrack_cli.files.tables.container_tables import write_table
 
     has_summary = form == "table" and axis is None and container.NAME in SUMMARIES
-    has_words = isinstance(container, Presence)  # also where nothing was heard
+    has_words = isinstance(container, Presence)  # also where nothing was detected
     if has_summary and (has_words or container.sizes()[container.ROW]):
-        print_result(container, as_json=False, is_data=True, next_looks=next_looks)
+        print_result(container, as_json=False, is_data=True, suggestions=suggestions)
     else:
         put(write_table(container, form, axis=axis))
 
@@ -53,12 +53,12 @@ def print_result(
     as_json: bool,
     is_data: bool = False,
     presence: Presence | None = None,
-    next_looks: Sequence[str] = (),
+    suggestions: Sequence[str] = (),
 ) -> None:
     """Print a result as JSON on standard output, or as a summary for people.
 
     ``is_data``: whether the summary is what was asked for, and goes to standard output.
-    ``presence``: what was heard, which is told beside closest approaches. ``next_looks``:
+    ``presence``: what was detected, which is told beside closest approaches. ``suggestions``:
     what to try next, which is told where no vessel was found.
     """
     from uwtrack_cli.files.tables.container_tables import write_table
@@ -69,7 +69,7 @@ def print_result(
     if container.NAME in STATED:
         _print_statements(container, is_data=is_data)
     else:
-        _print_summary(container, presence, is_data=is_data, next_looks=next_looks)
+        _print_summary(container, presence, is_data=is_data, suggestions=suggestions)
 
 
 def _print_statements(container: Container, *, is_data: bool) -> None:
@@ -91,7 +91,7 @@ def _print_summary(
     presence: Presence | None,
     *,
     is_data: bool,
-    next_looks: Sequence[str],
+    suggestions: Sequence[str],
 ) -> None:
     """Print the columns of the summary; what is missing goes to the console."""
     from uwtrack_cli.files.tables.json_rows import json_rows
@@ -100,10 +100,10 @@ def _print_summary(
     if container.NAME == "encounters":
         rows = numbered(rows)
     told = container if isinstance(container, Presence) else presence
-    heard = [] if told is None else _heard(told, next_looks)
+    detected = [] if told is None else _detected(told, suggestions)
     if not rows:
         why = getattr(container, "statement", "")
-        for text in heard or [why or NOTHING[container.NAME], *next_looks]:
+        for text in detected or [why or NOTHING[container.NAME], *suggestions]:
             say(text)
         return
     summary = summary_of(container.NAME, rows)
@@ -116,7 +116,7 @@ def _print_summary(
     own_words = 0 if is_data or not isinstance(container, Presence) else 1
     for text in _why(container, rows, spoken):
         say(text, own_words)
-    for text in heard:
+    for text in detected:
         say(text)
 
 
@@ -143,14 +143,14 @@ def _why(
     return _reasons(container.NAME, rows, spoken)
 
 
-def _heard(presence: Presence, next_looks: Sequence[str]) -> list[str]:
-    """Say what was heard beside the closest approaches."""
+def _detected(presence: Presence, suggestions: Sequence[str]) -> list[str]:
+    """Say what was detected beside the closest approaches."""
     from uwtrack_cli.files.tables.json_rows import json_rows
     from uwtrack_cli.files.tables.presence_words import presence_sentences
 
     has_passed = bool((presence.encounter > 0).any())
     return presence_sentences(
-        json_rows(presence), is_passed=has_passed, next_looks=next_looks
+        json_rows(presence), is_passed=has_passed, suggestions=suggestions
     )
 
 

@@ -293,11 +293,11 @@ def _print_all(
     *,
     as_json: bool,
 ) -> None:
-    """Print the last result of a recipe, with what was heard beside it."""
-    from uwtrack_cli.flow.next_looks import next_looks
+    """Print the last result of a recipe, with what was detected beside it."""
+    from uwtrack_cli.flow.suggestions import suggestions
 
-    heard = [h.container for h in made if isinstance(h.container, Presence)]
-    presence = Presence.join(heard) if heard else None
+    detected = [h.container for h in made if isinstance(h.container, Presence)]
+    presence = Presence.join(detected) if detected else None
     kinds: tuple[type[Container], ...] = (Encounters, Motions)
     for kind in kinds:
         found = [h.container for h in made if isinstance(h.container, kind)]
@@ -306,7 +306,7 @@ def _print_all(
             passages = [one for one in found if isinstance(one, Encounters)]
             print_result(
                 kind.join(found), as_json=as_json, presence=presence,
-                next_looks=next_looks(stages, list(recordings), passages),
+                suggestions=suggestions(stages, list(recordings), passages),
             )  # fmt: skip
             return
 

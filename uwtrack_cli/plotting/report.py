@@ -21,7 +21,7 @@ from uwtrack_cli.files.hdf5.product import Product
 from uwtrack_cli.files.tables.json_rows import Row, json_rows
 from uwtrack_cli.files.tables.presence_words import presence_sentences, segment_words
 from uwtrack_cli.files.tables.summaries import numbered, summary_of
-from uwtrack_cli.flow.next_looks import next_looks
+from uwtrack_cli.flow.suggestions import suggestions
 from uwtrack_cli.plotting import html_page, passage
 from uwtrack_cli.plotting.page import Page, pages_of
 from uwtrack_cli.plotting.view import Scene, Units
@@ -79,10 +79,10 @@ def _result(product: Product, report: Report) -> str:
         return ""
     stages = {step.stage for step in product.history}
     recordings = [(one.name, one) for one in report.all(Recording)]
-    looks, n = next_looks(stages, recordings, encounters), len(report.passages)
+    looks, n = suggestions(stages, recordings, encounters), len(report.passages)
     if report.all(Presence):
         words = presence_sentences(
-            report.rows(Presence), is_passed=n > 0, next_looks=looks
+            report.rows(Presence), is_passed=n > 0, suggestions=looks
         )
     if n:
         return "; ".join([f"{n} passage{'' if n == 1 else 's'}", *words])

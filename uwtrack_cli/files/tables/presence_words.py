@@ -22,7 +22,7 @@ from uwtrack_cli.files.utc import format_utc, parse_utc
 
 Row = dict[str, Any]
 
-HEARD = {
+DETECTED = {
     VESSEL: "a vessel is detected",
     RATES: "shaft and blades of a vessel are detected",
     LINES: "lines without a family are detected",
@@ -41,29 +41,29 @@ NO_PASSAGE = "no closest approach"
 
 
 def presence_sentences(
-    rows: Sequence[Row], *, is_passed: bool, next_looks: Sequence[str] = ()
+    rows: Sequence[Row], *, is_passed: bool, suggestions: Sequence[str] = ()
 ) -> list[str]:
     """Say what was detected beside the closest approaches.
 
     ``is_passed``: whether there are closest approaches, which are told elsewhere.
-    ``next_looks``: what to try next, which is told where no vessel was found.
+    ``suggestions``: what to try next, which is told where no vessel was found.
     """
     rest = [row for row in rows if row["encounter"] is None]
     rest.sort(key=lambda row: (KINDS.index(row["kind"]), row["from_s"]))
     vessels = [row for row in rest if row["kind"] in {VESSEL, RATES}]
     others = [row for row in rest if row["kind"] in OF_VESSELS]
-    known = dict.fromkeys(HEARD[r["kind"]] for r in rest if r["kind"] in {HUM, RAIN})
+    known = dict.fromkeys(DETECTED[r["kind"]] for r in rest if r["kind"] in {HUM, RAIN})
     if is_passed:
         told, start = vessels, "also: "
     elif vessels or others:
         told, start = vessels or others, f"{NO_PASSAGE}; "
     else:
-        return ["; ".join([NOBODY, *known]), *next_looks]
+        return ["; ".join([NOBODY, *known]), *suggestions]
     sentences = [f"{start}{segment_words(row)}" for row in told[:MOST_SENTENCES]]
     if len(told) > MOST_SENTENCES:
         more = len(told) - MOST_SENTENCES
         sentences.append(f"{more} more: uwtrack show FILE presence")
-    return sentences if vessels or is_passed else [*sentences, *known, *next_looks]
+    return sentences if vessels or is_passed else [*sentences, *known, *suggestions]
 
 
 def why_no_passage(rows: Sequence[Row]) -> list[str]:
@@ -106,9 +106,7 @@ def segment_words(row: Row) -> str:
         if count:
             known.append(f"{count} {one if count == 1 else many}")
     details = f" ({', '.join(known)})" if known else ""
-    return (
-        f"{HEARD[row['kind']]} from {_time(row, 'from')} to {_time(row, 'to')}{details}"
-    )
+    return f"{DETECTED[row['kind']]} from {_time(row, 'from')} to {_time(row, 'to')}{details}"
 
 
 def _time(row: Row, end: str) -> str:

@@ -12,7 +12,7 @@ AIR = ("--sound-speed-mps 343", "air")
 """Option of sound in air, and the name of the product that it makes."""
 
 
-def next_looks(
+def suggestions(
     stages: Collection[str],
     recordings: Sequence[tuple[str, Recording]],
     passages: Sequence[Encounters] = (),
@@ -33,10 +33,10 @@ def next_looks(
     tuple[str, ...]
         A sentence with its command each; empty where everything was looked for.
     """
-    return tuple(_looks(stages, recordings, passages))
+    return tuple(_suggested(stages, recordings, passages))
 
 
-def _looks(
+def _suggested(
     stages: Collection[str],
     recordings: Sequence[tuple[str, Recording]],
     passages: Sequence[Encounters],
@@ -50,31 +50,31 @@ def _looks(
         and (falls or one.sensor.depth_m is None)
     ]
     if falls and in_air:
-        yield _look("lines fall as in air", in_air[0], *AIR)
+        yield _suggestion("lines fall as in air", in_air[0], *AIR)
     broad = [name for name, one in recordings if _has_envelope(one)]
     if "demon" not in stages and broad:
-        yield _look(
-            "shaft and blades in the envelope of the broadband were not looked for",
+        yield _suggestion(
+            "shaft and blades in the envelope of the broadband were not searched",
             broad[0], "--recipe presence", "presence",
         )  # fmt: skip
     if not recordings:
         return
     first = recordings[0][0]
     if "zoom" not in stages:
-        yield _look(
-            "frames of other lengths were not looked into",
+        yield _suggestion(
+            "frames of other lengths were not used",
             first, "--recipe auto", "auto",
         )  # fmt: skip
     elif "trace" not in stages:
-        yield _look(
-            "steady lines below the noise of a frame were not looked for",
+        yield _suggestion(
+            "steady lines below the noise of a frame were not searched",
             first, "--recipe multi-resolution", "multi-resolution",
         )  # fmt: skip
     if in_air and not falls:
-        yield _look("if the sound was recorded in air", in_air[0], *AIR)
+        yield _suggestion("if the sound was recorded in air", in_air[0], *AIR)
 
 
-def _look(what: str, name: str, options: str, product: str) -> str:
+def _suggestion(what: str, name: str, options: str, product: str) -> str:
     return f"{what}: uwtrack run {shell_word(name)} {options} -o {product}.run.h5"
 
 
