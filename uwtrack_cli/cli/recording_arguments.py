@@ -27,7 +27,7 @@ class Opening:
     time_zone
         Zone of times that are given without one: UTC, Asia/Seoul, +09:00.
     time_pattern
-        Where the start time is in the file name, such as %Y%m%d_%H%M%S.
+        Pattern of the start time in the file name, such as %Y%m%d_%H%M%S.
     channel
         Channel to use, counted from 1.
     start_s

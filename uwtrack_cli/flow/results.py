@@ -61,7 +61,7 @@ class SourceOptions(TypedDict, total=False):
     time_zone: str
     """Zone of times that name none."""
     time_pattern: str | None
-    """Where the start time is in the file name, such as %Y%m%d_%H%M%S."""
+    """Pattern of the start time in the file name, such as %Y%m%d_%H%M%S."""
     channel: int | None
     """Channel to use, counted from 1."""
     start_s: float | None
