@@ -189,7 +189,7 @@ def test_measurements_that_jump_fit_neither_reading():
     decision = _decide(jumped, navigation)
     assert decision.verdict[0] == "neither fits"
     assert "neither hypothesis fits" in decision.reasons(0)["verdict"]
-    assert "neither fits" in decision.statements[0]
+    assert "neither hypothesis fits" in decision.statements[0]
 
 
 def test_overwhelming_odds_end_in_a_verdict():

@@ -500,7 +500,7 @@ def test_a_document_has_every_page_and_a_passage_a_name_of_its_own(product, tmp_
         (["--from", "13:00"], 1, "nothing was recorded"),
         (["--from", "60", "--to", "50"], 2, "not after its begin"),
         (["--from", "later"], 2, "is no time"),
-        (["--band-hz", "200", "100"], 2, "a lower and a higher frequency"),
+        (["--band-hz", "200", "100"], 2, "must be increasing"),
         (["--band-hz", "3000", "4000"], 1, "nothing of 3000 to 4000 Hz"),
         (["-o", "a.gif"], 2, "written as .png, .pdf, .svg"),
         (["-o", "-"], 2, "name it with -o"),

@@ -231,7 +231,7 @@ def test_an_ear_hears_the_band_of_a_passage(speed_up):
 @pytest.mark.parametrize(
     ("words", "said"),
     [(["--speed-up", "4"], "with --sound"), (["--within-m", "9"], "with --ais"),
-     (["--sound", "--speed-up", "99"], "takes 0.1 to 32"), (["--pages"], "one product")],
+     (["--sound", "--speed-up", "99"], "at least 0.1, at most 32"), (["--pages"], "one result file")],
 )  # fmt: skip
 def test_what_a_report_would_not_use_is_refused(
     uwtrack, timed_run, words, said, tmp_path

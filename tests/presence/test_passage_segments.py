@@ -12,7 +12,7 @@ from uwtrack_cli.presence.passage_segments import (
     add_refusals,
     mark_passages,
 )
-from uwtrack_cli.presence.segment import Segment, segment_of_lines
+from uwtrack_cli.presence.segment import SoundSegment, segment_of_lines
 
 SOUND_MPS = 343.0
 REST_HZ = (100.0, 147.0, 231.0)
@@ -159,7 +159,7 @@ def test_what_no_passage_explains_is_told_with_its_reason():
 
 def test_a_rise_that_was_refused_keeps_its_row_and_gets_the_reason():
     table = passage((5, 200.0, 260.0, LEVELS_REFUSED))
-    found = [Segment("broadband", 210.0, 250.0, reason="a rise")]
+    found = [SoundSegment("broadband", 210.0, 250.0, reason="a rise")]
     add_refusals(table, found)
     assert [(one.kind, one.reason) for one in found] == [("broadband", LEVELS_REFUSED)]
 
@@ -174,7 +174,7 @@ def test_a_segment_is_read_as_all_of_its_contacts_are(reasons, read):
     table = passage(*((k + 2, 200.0, 260.0, one) for k, one in enumerate(reasons)))
     found = [
         told("lines", [(80.0, 200.0, 260.0), (90.0, 200.0, 260.0)]),
-        Segment("broadband", 210.0, 250.0, reason="a rise"),
+        SoundSegment("broadband", 210.0, 250.0, reason="a rise"),
     ]
     found[0].tones.contact[:] = [2, 3]
     add_refusals(table, found)

@@ -21,7 +21,7 @@ from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.flow.suggestions import suggestions
 from uwtrack_cli.presence.level_humps import level_humps
 from uwtrack_cli.presence.presence import find_presence, rate_families
-from uwtrack_cli.presence.segment import MISSING, Segment, make_presence
+from uwtrack_cli.presence.segment import MISSING, SoundSegment, make_presence
 from uwtrack_cli.presence.tonal_segments import chance_together
 from uwtrack_cli.spectra.levels import measure_levels
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
@@ -208,7 +208,7 @@ def test_what_cpa_refuses_is_in_presence_with_its_reason():
 
 
 def test_every_missing_value_has_its_reason():
-    rows = [Segment("unknown", 1.0, 2.0, reason="a test")]
+    rows = [SoundSegment("unknown", 1.0, 2.0, reason="a test")]
     presence = make_presence({"h1": rows}, {"h1": None}, "full scale")
     assert set(presence.reasons(0)) == {
         "encounter",

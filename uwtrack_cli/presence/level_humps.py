@@ -19,7 +19,7 @@ from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.presence import BROADBAND, RAIN, UNKNOWN
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.estimation.angles import wrap_deg
-from uwtrack_cli.presence.segment import Segment
+from uwtrack_cli.presence.segment import SoundSegment
 
 FEWEST_BINS, MOST_BINS = 16, 600
 """Bins below which nothing is said, and to how many a recording is cut."""
@@ -54,7 +54,7 @@ LEVEL_ALONE = "a rise of the level alone, which lines or bearings do not confirm
 IS_RAIN = "a rise above the middle of the band alone, as of rain"
 
 
-def level_humps(levels: Levels) -> list[Segment]:
+def level_humps(levels: Levels) -> list[SoundSegment]:
     """Return the rises of the broadband level of one sensor."""
     bins = _bins(levels)
     if bins is None:
@@ -83,7 +83,7 @@ def level_humps(levels: Levels) -> list[Segment]:
         chance = 0.5 * time_s.size * erfc(height / spread / np.sqrt(2))
         times = levels.frames.time_s[inside]
         found.append(
-            Segment(
+            SoundSegment(
                 kind=kind,
                 from_s=float(times[0]),
                 to_s=float(times[-1]),

@@ -24,7 +24,7 @@ from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.presence import BROADBAND, HUM, LINES, UNKNOWN, VESSEL
 from uwtrack_cli.lines.rungs.same_line import SAME_LINE
 from uwtrack_cli.presence.line_summary import LineSummary
-from uwtrack_cli.presence.segment import Segment, segment_of_lines
+from uwtrack_cli.presence.segment import SoundSegment, segment_of_lines
 
 PASSAGE_WIDTHS = 2.0
 """Ranges over speed on either side of a closest approach for which it is heard, where no
@@ -91,7 +91,7 @@ class _Passage(NamedTuple):
         return matched
 
 
-def mark_passages(table: Encounters, found: list[Segment]) -> None:
+def mark_passages(table: Encounters, found: list[SoundSegment]) -> None:
     """Mark what passed; a passage that nothing else tells of gets a row."""
     for row in range(table.n_encounters):
         passage = _Passage.of_row(table, row)
@@ -115,7 +115,7 @@ def mark_passages(table: Encounters, found: list[Segment]) -> None:
             found.append(own[-1])
         if not own:
             own = [
-                Segment(
+                SoundSegment(
                     kind=VESSEL,
                     from_s=from_s,
                     to_s=to_s,
@@ -130,12 +130,12 @@ def mark_passages(table: Encounters, found: list[Segment]) -> None:
             one.read_as(*table.reading_of(row))
 
 
-def _is_free_rise(segment: Segment) -> bool:
+def _is_free_rise(segment: SoundSegment) -> bool:
     """Tell whether a rise of the level alone is no passage's yet."""
     return segment.tones is None and not segment.rates_hz and not segment.encounter
 
 
-def _has_lines(segment: Segment, passage: _Passage) -> bool:
+def _has_lines(segment: SoundSegment, passage: _Passage) -> bool:
     """Tell whether a family, or lines that move together, are a passage's."""
     if segment.tones is None or segment.kind != VESSEL:
         return False
@@ -148,12 +148,12 @@ def _has_lines(segment: Segment, passage: _Passage) -> bool:
     return bool(share > 0.5)
 
 
-def _tones(segments: Sequence[Segment]) -> list[LineSummary]:
+def _tones(segments: Sequence[SoundSegment]) -> list[LineSummary]:
     return [one.tones for one in segments if one.tones is not None]
 
 
 def _loose_lines(
-    found: list[Segment], passage: _Passage
+    found: list[SoundSegment], passage: _Passage
 ) -> tuple[list[LineSummary], float]:
     """Take the passage's lines out of those that nothing joins, with their chance."""
     taken: list[LineSummary] = []
@@ -174,7 +174,7 @@ def _loose_lines(
     return taken, chance
 
 
-def add_refusals(table: Encounters, found: list[Segment]) -> None:
+def add_refusals(table: Encounters, found: list[SoundSegment]) -> None:
     """Give every refused candidate's reason to its segment, or a row of its own.
 
     A candidate whose lines, or whose time without any, a passage explains has none:
@@ -195,10 +195,12 @@ def add_refusals(table: Encounters, found: list[Segment]) -> None:
             one.reason = reason
         is_explained = bool(lines) or _passes(table, from_s, to_s)
         if not own and not is_explained:
-            found.append(Segment(kind=UNKNOWN, from_s=from_s, to_s=to_s, reason=reason))
+            found.append(
+                SoundSegment(kind=UNKNOWN, from_s=from_s, to_s=to_s, reason=reason)
+            )
 
 
-def add_readings(table: Encounters, found: list[Segment]) -> None:
+def add_readings(table: Encounters, found: list[SoundSegment]) -> None:
     """Give the segments without a passage what all of their contacts are read as."""
     read = {one.contact: one for one in table.still()}
     for segment in found:

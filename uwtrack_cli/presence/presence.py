@@ -43,7 +43,7 @@ from uwtrack_cli.presence.passage_segments import (
     add_refusals,
     mark_passages,
 )
-from uwtrack_cli.presence.segment import Segment, make_presence
+from uwtrack_cli.presence.segment import SoundSegment, make_presence
 from uwtrack_cli.presence.tonal_segments import tonal_segments
 
 LOWEST_RATE_HZ = 0.5
@@ -236,7 +236,7 @@ def find_presence(
 
 def _of_sensor(
     lines: Sequence[Lines], levels: Sequence[Levels], encounters: Sequence[Encounters]
-) -> list[Segment]:
+) -> list[SoundSegment]:
     sound = [one for one in lines if one.reference != MODULATION]
     envelope = [one for one in lines if one.reference == MODULATION]
     found = tonal_segments(sound) if sound else []
@@ -267,7 +267,7 @@ def _span(lines: Sequence[Lines], levels: Sequence[Levels]) -> tuple[float, floa
     return min(begins), max(ends)
 
 
-def _add_rates(envelope: Lines, found: list[Segment]) -> None:
+def _add_rates(envelope: Lines, found: list[SoundSegment]) -> None:
     """Join the rates of each shaft to the vessel of its lines, or add them."""
     if not envelope.line_id.size:
         return
@@ -280,7 +280,7 @@ def _add_rates(envelope: Lines, found: list[Segment]) -> None:
         rest[family.rows] = False
         rows = family.rows
         bearing, spread = common_bearing(lines, rows)
-        made = Segment(
+        made = SoundSegment(
             kind=RATES,
             from_s=float(lines.from_s[rows].min()),
             to_s=float(lines.to_s[rows].max()),
@@ -303,7 +303,7 @@ def _add_rates(envelope: Lines, found: list[Segment]) -> None:
     found += [_single_rate(lines, int(row)) for row in np.flatnonzero(rest)]
 
 
-def _single_rate(lines: LineSummary, row: int) -> Segment:
+def _single_rate(lines: LineSummary, row: int) -> SoundSegment:
     """Return a line of the envelope that has no others of its shaft."""
     rate = float(lines.frequency_hz[row])
     kind, reason = UNKNOWN, SINGLE_RATE
@@ -312,7 +312,7 @@ def _single_rate(lines: LineSummary, row: int) -> Segment:
     elif _is_mains(rate):
         kind, reason = HUM, MAINS_RATE
     bearing, spread = common_bearing(lines, np.array([row]))
-    return Segment(
+    return SoundSegment(
         kind=kind,
         from_s=float(lines.from_s[row]),
         to_s=float(lines.to_s[row]),
@@ -332,7 +332,7 @@ def _is_mains(rate_hz: float) -> bool:
     )
 
 
-def _is_of_shaft(rates: Segment, vessel: Segment) -> bool:
+def _is_of_shaft(rates: SoundSegment, vessel: SoundSegment) -> bool:
     """Tell whether rates are of the shaft that a family's spacing is a multiple of."""
     if vessel.kind != VESSEL or not np.isfinite(vessel.spacing_hz):
         return False
@@ -349,13 +349,13 @@ def _is_of_shaft(rates: Segment, vessel: Segment) -> bool:
     return False
 
 
-def _is_one_bearing(rates: Segment, vessel: Segment) -> bool:
+def _is_one_bearing(rates: SoundSegment, vessel: SoundSegment) -> bool:
     off = abs(float(wrap_deg(np.array(vessel.bearing_deg - rates.bearing_deg))))
     spread = float(np.hypot(vessel.bearing_std_deg, rates.bearing_std_deg))
     return not off > SAME_BEARING_DEG + 3.0 * spread  # also where one is not known
 
 
-def _join(vessel: Segment, rates: Segment) -> None:
+def _join(vessel: SoundSegment, rates: SoundSegment) -> None:
     """Give a vessel the rates of its shaft."""
     vessel.rates_hz += rates.rates_hz
     vessel.from_s = min(vessel.from_s, rates.from_s)

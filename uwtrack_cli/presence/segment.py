@@ -29,7 +29,7 @@ MISSING: Mapping[str, str] = {
 
 
 @dataclass
-class Segment:
+class SoundSegment:
     """What was detected between two times."""
 
     kind: str
@@ -117,15 +117,17 @@ class Segment:
 
 def segment_of_lines(
     kind: str, tones: LineSummary, chance: float, reason: str
-) -> Segment:
+) -> SoundSegment:
     """Return the segment of lines, its chance in noise and why it is no passage."""
-    made = Segment(kind, np.nan, np.nan, probability_of_chance=chance, reason=reason)
+    made = SoundSegment(
+        kind, np.nan, np.nan, probability_of_chance=chance, reason=reason
+    )
     made.hold(tones)
     return made
 
 
 def make_presence(
-    segments: Mapping[str, Sequence[Segment]],
+    segments: Mapping[str, Sequence[SoundSegment]],
     start_utc_ns: Mapping[str, int | None],
     reference: str,
 ) -> Presence:

@@ -36,7 +36,7 @@ from uwtrack_cli.data.presence import HUM, LINES, UNKNOWN, VESSEL
 from uwtrack_cli.lines.contacts import LEAST_EVIDENCE
 from uwtrack_cli.lines.rungs.same_line import SAME_LINE, is_one_family, line_evidence
 from uwtrack_cli.presence.line_summary import LineSummary, summarise
-from uwtrack_cli.presence.segment import Segment, segment_of_lines
+from uwtrack_cli.presence.segment import SoundSegment, segment_of_lines
 
 TOOTH = 0.1
 """Least distance from a tooth, in resolutions, up to which a line is on it."""
@@ -279,7 +279,7 @@ class _Family:
     """Its lines among those of the pool."""
 
 
-def tonal_segments(trackers: Sequence[Lines]) -> list[Segment]:
+def tonal_segments(trackers: Sequence[Lines]) -> list[SoundSegment]:
     """Return what the lines of one sensor tell; contacts are the first tracker's."""
     used = [lines for lines in trackers if lines.line_id.size]
     if not used:
@@ -361,7 +361,7 @@ def _mains_frequency(hum: LineSummary, nominal: float) -> tuple[float, float] | 
     return exact, float(1.0 / np.sqrt(weight.sum()))
 
 
-def _hum_segment(hum: LineSummary, chance: float) -> Segment:
+def _hum_segment(hum: LineSummary, chance: float) -> SoundSegment:
     """Return mains hum, with the frequency of the mains if all lines are of one."""
     made = segment_of_lines(HUM, hum, chance, MAINS)
     for nominal in MAINS_HZ:
@@ -510,7 +510,7 @@ def _joined_families(pool: _Pool, trackers: Sequence[Lines]) -> list[_Family]:
 
 def _family_segment(
     family: _Family, pool: _Pool, free: BoolArray, told_hum: BoolArray
-) -> Segment | None:
+) -> SoundSegment | None:
     """Return a family with what lies on its teeth; None if others have its lines.
 
     Nor is a family returned that noise or mains give; lines of mains are marked.
