@@ -266,7 +266,7 @@ def test_what_was_not_looked_for_is_named_where_no_vessel_was_found(uwtrack, sam
     done = uwtrack("run", source, "--recipe", "vessel", "-o", "v.run.h5")
     words = (
         "no vessel was found shaft and blades in the envelope of the broadband were not "
-        "looked for: uwtrack run {} --recipe presence"
+        "searched: uwtrack run {} --recipe presence"
     )
     assert words.format(source) in " ".join(done.stderr.split())
     # whoever has the product alone is told the same
