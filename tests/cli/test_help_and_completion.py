@@ -3,12 +3,16 @@
 import os
 import subprocess
 import sys
+from importlib import import_module
+from inspect import signature
 from pathlib import Path
 
 import pytest
 
 from uwtrack_cli import __version__
 from uwtrack_cli.cli.app import COMMANDS, GROUPS, load_command
+from uwtrack_cli.flow.catalogue import STAGES
+from uwtrack_cli.flow.stage import parameter_texts
 
 
 def test_help_without_a_name_lists_every_command(uwtrack):
@@ -37,6 +41,19 @@ def test_help_has_every_option_in_full_on_eighty_columns(uwtrack, name):
     for param in load_command(name).params:
         flags = [flag for flag in param.opts if flag.startswith("-")]
         assert all(flag in text for flag in flags)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_argument_and_option_says_what_it_is(name):
+    for param in load_command(name).params:
+        assert getattr(param, "help", None), param.name
+
+
+@pytest.mark.parametrize("name", [n for n in COMMANDS if n not in STAGES])
+def test_what_the_docstring_of_a_command_describes_are_its_parameters(name):
+    place, _, function = COMMANDS[name].partition(":")
+    own = getattr(import_module(f"uwtrack_cli.cli.{place}"), function)
+    assert set(parameter_texts(own)) <= set(signature(own).parameters)
 
 
 @pytest.mark.parametrize(

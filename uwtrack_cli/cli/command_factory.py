@@ -316,7 +316,7 @@ def spread_values(stage: Stage, words: Sequence[str]) -> list[str]:
     ``--start-velocity 50 -50`` becomes ``--start-velocity 50 --start-velocity -50``.
     """
     flags = {
-        f"--{option.flat_name.replace('_', '-')}"
+        flag_of(option.flat_name)
         for option in stage.options
         if takes_list(option.type) or makes_rungs(option.hint)
     }

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from warnings import warn
 
-from uwtrack_cli.cli.command_factory import documented
+from uwtrack_cli.cli.command_factory import documented, flag_of
 from uwtrack_cli.cli.console import put, say, say_wrote, signals_end
 from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.cli.targets import (
@@ -75,7 +75,7 @@ class LiveOptions:
         if not (pipes or self.follow):
             for name in ("raw", "rate_hz", "channels", "idle_s"):
                 if getattr(self, name) is not None:
-                    flag = f"--{name.replace('_', '-')}"
+                    flag = flag_of(name)
                     msg = (
                         f"{flag} is for sound that comes through a pipe, as in "
                         f"cat FILE | uwtrack run -, or for a file with --follow."

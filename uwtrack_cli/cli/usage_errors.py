@@ -9,6 +9,7 @@ import difflib
 from collections.abc import Collection, Sequence
 from typing import Any
 
+from uwtrack_cli.cli.command_factory import flag_of
 from uwtrack_cli.flow.catalogue import STAGES
 
 OF_RECIPES = ("run", "batch", "watch")
@@ -116,7 +117,7 @@ def _stage_with(option: str) -> str | None:
 
     for name in STAGES:
         for one in find_stage(name).options:
-            if option == f"--{one.flat_name.replace('_', '-')}":
+            if option == flag_of(one.flat_name):
                 group = "" if one.group is None else f"{one.group}."
                 return f"{name}.{group}{one.name}"
     return None
