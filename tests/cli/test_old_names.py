@@ -81,6 +81,8 @@ def test_an_old_table_is_read(tmp_path, uwtrack):
         assert product.read(Transients).equals(table)
     shown = json.loads(uwtrack("show", path, "rises", "--format", "json").stdout)
     assert (shown["table"], shown["container"]) == ("transients", "transients")
+    assert shown["rise"] == shown["transient"]
+    assert uwtrack("show", path, "rises", "--axis", "rise").exit_code == 0
 
 
 def test_old_words_of_the_command_line_say_what_they_are_now(uwtrack):

@@ -28,7 +28,7 @@ MOST_NAMES = 6
 def product_lines(product: Product) -> Iterator[str]:
     """Yield what a product is and what was found."""
     yield (
-        f"{Path(product.name).name}: product of uwtrack {product.program_version}, made "
+        f"{Path(product.name).name}: result file of uwtrack {product.program_version}, made "
         f"{product.created_utc}, schema {product.schema_version}"
     )
     recordings = product.read_all(Recording)

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from uwtrack_cli.data.base import Container
-from uwtrack_cli.data.renamed import with_old_keys
+from uwtrack_cli.data.renamed import KEYS, with_old_keys
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.files.tables.json_rows import (
@@ -63,6 +63,7 @@ def write_table(
     if form not in FORMATS:
         msg = f"unknown format {form!r}; accepted are {', '.join(FORMATS)}."
         raise OptionError(msg)
+    axis = None if axis is None else KEYS.get(axis, axis)
     if axis is not None and axis not in axes_of(container):
         msg = (
             f"{container.NAME} has no axis {axis!r}; "
@@ -111,10 +112,11 @@ def _json_object(container: Container) -> Iterator[str]:
     for i, (name, value) in enumerate(values.items(), 1):
         comma = "," if axes or i < len(values) else ""
         yield f"{_json(name)}: {_json(value)}{comma}"
-    for i, axis in enumerate(axes, 1):
+    keys = [(f"{axis}_rows" if axis in values else axis, axis) for axis in axes]
+    keys += [(before, now) for before, now in KEYS.items() if now in axes]
+    for i, (key, axis) in enumerate(keys, 1):
         rows = axis_rows(container, axis)
-        key = f"{axis}_rows" if axis in values else axis
-        yield from _json_array(rows, f"{_json(key)}: ", "," if i < len(axes) else "")
+        yield from _json_array(rows, f"{_json(key)}: ", "," if i < len(keys) else "")
     yield "}"
 
 
