@@ -117,7 +117,7 @@ def test_tolerances_per_quantity_override_the_others(differences, tmp_path):
 @pytest.mark.parametrize(
     ("text", "error", "words"),
     [
-        ("encounters = 3\n", DataError, "one table per container"),
+        ("encounters = 3\n", DataError, "one section per table"),
         ("[encounters]\ntime_s = 3\n", DataError, "time_s must be a table"),
         ("[encounters]\ntime_s = { tol = 3 }\n", DataError, "Did you mean 'rtol'"),
         ("[encounters]\ntime_s = { atol = -3 }\n", DataError, "atol must be a number"),

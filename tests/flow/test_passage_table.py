@@ -341,7 +341,7 @@ def test_what_does_not_fit_is_refused(uwtrack, folder, words, text, code):
 
 def test_an_empty_folder_and_a_missing_file_are_named(uwtrack, tmp_path):
     (tmp_path / "empty").mkdir()
-    assert "holds no product" in uwtrack("passages", "empty").stderr
+    assert "holds no result file" in uwtrack("passages", "empty").stderr
     assert "does not exist" in uwtrack("passages", "nowhere.h5").stderr
 
 

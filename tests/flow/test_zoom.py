@@ -92,7 +92,7 @@ def test_segments_whose_sound_has_passed_are_told():
     )  # fmt: skip
     known = encounters_of({"time_s": 31.0, "range_over_speed_s": 2.0, "status": "ok"})
     with pytest.warns(
-        UwtrackWarning, match=r"1 segment of memory.wav, from 20 s on.* not"
+        UwtrackWarning, match=r"1 segment of memory.wav, from 20 s on.* again"
     ):
         found = zoom_in([known], rises, recording=passed)
     assert found.time_s.tolist() == [31.0]
