@@ -368,7 +368,9 @@ def test_a_contact_whose_fit_fails_is_refused_with_its_reason_and_the_others_tol
         frequency_std_hz=std_hz[:, None], bearing_deg=nothing, bearing_std_deg=nothing,
         level_db=nothing, level_std_db=nothing,
     )  # fmt: skip
-    with pytest.warns(UwtrackWarning, match=r"\(0 to 236 s\) is reported as no passage"):
+    with pytest.warns(
+        UwtrackWarning, match=r"\(0 to 236 s\) is reported as no passage"
+    ):
         found = find_encounters(series=series)
     assert found.contact.tolist()[0] == 1
     assert abs(found.speed_mps[0] - 6.0) < 3.5 * found.speed_std_mps[0]
