@@ -40,7 +40,7 @@ from uwtrack_cli.plotting.picture import (
 )
 from uwtrack_cli.plotting.style import CONTACT_COLORS, Clock, contact_color
 from uwtrack_cli.plotting.view import Scene, View, to_seconds
-from uwtrack_cli.presence.segment import Segment, make_presence
+from uwtrack_cli.presence.segment import SoundSegment, make_presence
 
 START = "2024-05-01T12:01:30Z"
 
@@ -598,7 +598,9 @@ def test_rates_lie_on_the_spectrum_of_their_envelope():
     spectrum[:, np.isin(rates_hz, (2.5, 7.5, 10.0))] = -20.0
     envelope = replace(overview(spectrum, rates_hz), reference=MODULATION)
     heard = make_presence(
-        {"h1": [Segment("rates", 4.0, 56.0, rates_hz=[2.5, 7.5, 10.0])]}, {}, "1 uPa"
+        {"h1": [SoundSegment("rates", 4.0, 56.0, rates_hz=[2.5, 7.5, 10.0])]},
+        {},
+        "1 uPa",
     )
     (page,) = pages_of([sound, envelope, heard])
     figure = page.draw(View())
@@ -678,7 +680,7 @@ def test_a_comb_is_drawn_by_its_multiples():
     level = rng.normal(60, 1, (60, 400))
     level[:, (frequency % 25) == 0] += 20.0
     heard = make_presence(
-        {"h1": [Segment("vessel", 4.0, 56.0, spacing_hz=25.0)]}, {}, "1 uPa"
+        {"h1": [SoundSegment("vessel", 4.0, 56.0, spacing_hz=25.0)]}, {}, "1 uPa"
     )
     heard = replace(heard, n_lines=np.array([3]))
     (page,) = pages_of([overview(level, frequency), heard])
@@ -703,7 +705,7 @@ def test_a_demon_page_marks_shaft_and_blades():
     spectrum = rng.normal(-40, 1, (60, rates_hz.size))
     spectrum[:, np.isin(rates_hz, (2.5, 10.0))] = -20.0
     envelope = replace(overview(spectrum, rates_hz), reference=MODULATION)
-    segment = Segment("rates", 4.0, 56.0, spacing_hz=2.5, blade_rate_hz=10.0,
+    segment = SoundSegment("rates", 4.0, 56.0, spacing_hz=2.5, blade_rate_hz=10.0,
                       rates_hz=[2.5, 10.0])  # fmt: skip
     heard = make_presence({"h1": [segment]}, {}, "1 uPa")
     (page,) = pages_of([envelope, heard], is_demon=True)
