@@ -62,6 +62,8 @@ class Hypothesis(NamedTuple):
     """Speed over that of sound."""
     course: tuple[FloatArray, FloatArray] | None = None
     """Contrast at times, s, instead of one that fades; None for that of a passage."""
+    swing: tuple[FloatArray, FloatArray] | None = None
+    """Shift of the logarithm of frequency at times, s, instead of that of a passage."""
 
     def changed(self, name: str, by: float) -> "Hypothesis":
         """Return the passage with one of its unknowns changed; R/v and fading by e^by."""
@@ -137,6 +139,8 @@ def relative_range(time_s: FloatArray, passage: Hypothesis) -> FloatArray:
 
 def shift_of(time_s: FloatArray, passage: Hypothesis) -> FloatArray:
     """Return by how much the logarithm of a pattern's frequencies has moved."""
+    if passage.swing is not None:
+        return np.asarray(np.interp(time_s, *passage.swing))
     return passage.invariant * np.log(relative_range(time_s, passage))
 
 

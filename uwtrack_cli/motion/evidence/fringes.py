@@ -28,6 +28,11 @@ from numpy.typing import NDArray
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.fringes import Fringes
 from uwtrack_cli.motion.association import PassageReport, same_vessel
+from uwtrack_cli.motion.evidence.fringe_lines import (
+    LINE_KNOTS,
+    likeliest_course,
+    lines_gain,
+)
 from uwtrack_cli.motion.evidence.fringe_mirror import Mirror, mirror_of
 from uwtrack_cli.motion.evidence.fringe_panel import (
     FEWEST_ROWS,
@@ -42,6 +47,7 @@ from uwtrack_cli.motion.evidence.fringe_template import (
     Template,
     contrast_of,
     pattern_in,
+    shift_of,
     smooth_courses,
 )
 
@@ -370,8 +376,10 @@ LEAST_GAIN = 20.0
 most (tests/draws/fringe_rates.py)."""
 
 STAYS, UPSIDE_DOWN, OUTSIDE_ALONE = "stays", "upside-down", "outside"
+MOVING_LINES = "moving-lines"
 """Codes of what else may be: a pattern that rises and falls where it is, one that moves
-the other way, and a source that comes or goes all the time, or drifts evenly."""
+the other way, a source that comes or goes all the time, or drifts evenly, and lines that
+move together, as those of a machine whose speed swings."""
 
 AWAY = (0.2, 0.6, 2.0, 6.0)
 """How far outside the rows a source that comes or goes is, in their length."""
@@ -410,7 +418,9 @@ class FringePassage:
     rival: str
     """Code of the strongest explanation in which nothing passes."""
     rival_gain: float
-    """What that gains."""
+    """What that gains with a pattern of any shape."""
+    rival_pattern: float
+    """What the shape that it says gains over any shape, nepers."""
     template: Template
     """Prior of its pattern."""
     fitted: Hypothesis
@@ -441,7 +451,9 @@ class FringePassage:
             TEMPERED_NEPERS
             + TEMPERED_SHARE * max(self.gain, self.rival_gain) / self.misfit
         )
-        return float(PRIOR_LOG_ODDS + more / scale)
+        # shapes of one pattern on one course: what the sea does besides is in both
+        shape = self.rival_pattern / self.misfit
+        return float(PRIOR_LOG_ODDS + more / scale - shape)
 
     @property
     def probability(self) -> float:
@@ -654,12 +666,14 @@ def _weighed(
     slope = np.array([scale_s, width_s])
     one = FringePassage(
         middle, both * np.outer(slope, slope), likelihood - nothing, "",
-        -np.inf, model.templates[0], found, own_contrast, taken.pattern, misfit,
+        -np.inf, 0.0, model.templates[0], found, own_contrast, taken.pattern, misfit,
         model.panel,
     )  # fmt: skip
-    for code, other in _rivals(model, found, rest):
-        if other - nothing > one.rival_gain:
-            one = replace(one, rival=code, rival_gain=other - nothing)
+    for code, other, pattern in _rivals(model, found, rest):
+        rival = replace(
+            one, rival=code, rival_gain=other - nothing, rival_pattern=pattern
+        )
+        one = min(one, rival, key=lambda each: each.log_odds)
         if one.log_odds < PERHAPS:  # it is refused, whatever else there is
             break
     return one
@@ -719,16 +733,19 @@ def _misfit(residual: FloatArray, precision: FloatArray) -> float:
 
 def _rivals(
     model: FringeModel, found: Hypothesis, rest: _Leftovers
-) -> Iterator[tuple[str, float]]:
-    """Yield explanations in which nothing passes, and their likelihood."""
+) -> Iterator[tuple[str, float, float]]:
+    """Yield explanations in which nothing passes.
+
+    Code, likelihood, and what the shape of the pattern gains over any shape.
+    """
     panel = model.panel
     course, prior = _likeliest_still(panel, flattened(panel))
     still, bent = _still(panel, course), _still(panel, np.square(course))
-    yield STAYS, rest.beside([(still, prior)])
+    yield STAYS, rest.beside([(still, prior)]), 0.0
     # rain adds power: where its logarithm bends, the square of its course is there, too
     for variance in STILL_VARIANCES:
         bending = bent, Template(prior.knots, variance)
-        yield STAYS, rest.beside([(still, prior), bending])
+        yield STAYS, rest.beside([(still, prior), bending]), 0.0
     upside = [
         found._replace(invariant=-1.0, time_s=found.time_s + k * found.width_s)
         for k in (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -744,7 +761,18 @@ def _rivals(
     alone = FringeModel(panel, [own])
     for code, tried in ((UPSIDE_DOWN, upside), (OUTSIDE_ALONE, away)):
         best = max(tried, key=lambda one: alone.log_likelihood([one]))
-        yield code, rest.moving(best, own)
+        yield code, rest.moving(best, own), 0.0
+    swing = likeliest_course(
+        panel, flattened(panel), shift_of(panel.time_s, found),
+        contrast_of(panel.time_s, found), max(VARIANCES),
+    )  # fmt: skip
+    machine = Hypothesis(0.0, 1.0, course=even, swing=(panel.time_s, swing))
+    # as fine as lines are, too: fringes of many images of a loud vessel are no wider
+    own = _likeliest_template(panel, machine, (LINE_KNOTS, *KNOTS), VARIANCES)
+    free = FringeModel(panel, [own]).log_likelihood([machine])
+    pattern = lines_gain(panel, machine) - free
+    pattern += FringeModel(panel, []).log_likelihood([])
+    yield MOVING_LINES, rest.moving(machine, own), pattern
 
 
 def _still(panel: Panel, course: FloatArray) -> Hypothesis:
