@@ -19,7 +19,11 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.motion.evidence.fringe_panel import Panel
-from uwtrack_cli.motion.evidence.fringe_template import FringeModel, Hypothesis, Template
+from uwtrack_cli.motion.evidence.fringe_template import (
+    FringeModel,
+    Hypothesis,
+    Template,
+)
 
 LINE_KNOTS = 0.75
 """Distance of the knots of a pattern of lines, cells: one of a cell's width is one of its
@@ -56,8 +60,9 @@ def likeliest_course(
     """
     count, n_cells = value.shape
     reach = int(FARTHEST / panel.cell)
-    path = np.rint((start - np.median(start)) / panel.cell).astype(np.int64)
-    path, row = np.clip(path, -reach, reach), np.arange(count)
+    about = np.rint((start - np.median(start)) / panel.cell)
+    path: IntArray = np.clip(about, -reach, reach).astype(np.int64)
+    row = np.arange(count)
     place = np.arange(n_cells)
     score = np.zeros((count, 2 * reach + 1))
     for _ in range(ROUNDS):
@@ -73,8 +78,8 @@ def likeliest_course(
         if np.array_equal(path, before):
             break
     # the top of a parabola through three neighbours is a part of a cell away
-    about = np.clip(path + reach, 1, 2 * reach - 1)
-    low, top, high = (score[row, about + k] for k in (-1, 0, 1))
+    inside = np.clip(path + reach, 1, 2 * reach - 1)
+    low, top, high = (score[row, inside + k] for k in (-1, 0, 1))
     bend = np.minimum(low - 2.0 * top + high, -1e-9)
     fine = path + np.clip(0.5 * (low - high) / bend, -0.5, 0.5)
     second = np.diff(np.eye(count), 2, axis=0)
