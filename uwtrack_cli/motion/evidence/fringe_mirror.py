@@ -3,10 +3,11 @@
 **Method.** Where sound comes straight and by the surface alone, the pattern at the closest
 approach is a comb over frequency: dark at zero and at every multiple of one over the
 delay, since the surface turns the sound round. A channel's bottom adds combs of other
-delays. Both are held against each other: one comb, its strength and that of its second
-harmonic free and smooth over log frequency, beside a rest that is free, or the free rest
-alone; and combs of another phase, as of a reflection that turns nothing. What a rest is
-free to be (its variance) the image tells, as for any pattern.
+delays. Both are held against each other: one comb, its strength and that of its harmonics
+free and smooth over log frequency, beside a rest that is free, or the free rest alone; and
+combs of another phase, as of a reflection that turns nothing. What a rest is free to be
+(its variance) the image tells, as for any pattern; where it is nothing, no bottom sounds.
+The logarithm of two ways' interference has many harmonics where the vessel is loud.
 
 **Conventions.** Delays in s, evidence in nepers, divided by the misfit of the passage.
 
@@ -29,8 +30,23 @@ from uwtrack_cli.motion.evidence.fringe_template import (
 RESTS = (0.0005, 0.002, 0.008, 0.03, 0.12)
 """Variances of what a pattern has beside its comb, nepers^2."""
 
+NOTHING, CHANNEL = (0.0, 0.003, 0.01), (0.1, 0.3, 1.0, 3.0)
+"""The same as shares of the comb's own, where nothing is beside it but what the law does
+not say exactly, and where a bottom sounds. They are chosen, on the draws of
+studies/constants/fringe_water.py."""
+
 STRENGTH_VARIANCE = 0.25
-"""Variance of the strength of a comb, and of its bends, nepers^2."""
+"""Variance of the strength of a comb's parts, nepers^2."""
+
+PARTS = ((0.3, 0), (0.3, 1), (0.3, 2), (0.7, 0), (0.7, 1), (0.95, 0), (0.95, 1))
+"""Depths of the dark bands of a comb, as ratios of amplitudes, and powers of log frequency
+with which their strength changes: what is linear in a comb."""
+
+FIRST = np.array([depth * (power == 0) for depth, power in PARTS])
+"""What each has of the first harmonic in the middle of the band."""
+
+HARMONICS = 6
+"""Harmonics of the logarithm of two ways' interference that are summed."""
 
 CYCLES, FEWEST, STEP = 64.0, 0.6, 0.08
 """Most and fewest fringes in the band that are tried, and their step."""
@@ -58,6 +74,8 @@ class Mirror(NamedTuple):
     """Standard deviation of that, as a share of it."""
     log_odds: float
     """Evidence for one comb over a pattern of any other shape, nepers."""
+    alone: float
+    """Evidence for nothing beside it over a rest, nepers."""
 
     @property
     def is_evident(self) -> bool:
@@ -83,24 +101,44 @@ def mirror_of(
     delay_s = np.arange(FEWEST, CYCLES, STEP) / frequency_hz[-1]
     delay_s = delay_s[delay_s * frequency_hz[0] * blur < LARGEST_BLUR]
     bend = np.linspace(-1.0, 1.0, place.size)
-    alone, told = [], []
     combs = [
         _combs(phase, delay_s, frequency_hz, bend, blur) @ axes for phase in PHASES
     ]
-    for variance in RESTS:
+
+    def told(variance: float, comb: FloatArray) -> tuple[FloatArray, FloatArray]:
         kept = 1.0 + variance * eigenvalue
-        alone.append(0.5 * float((variance * heard**2 / kept - np.log(kept)).sum()))
-        told.append([
-            alone[-1] + _gains(each, eigenvalue / kept, heard / kept) for each in combs
-        ])  # fmt: skip
-    likely = np.logaddexp.reduce(np.array(told), axis=0)
-    likely -= np.log(len(RESTS) * delay_s.size)
-    each_phase = np.logaddexp.reduce(likely, axis=1)
-    weight = np.exp(likely[0] - each_phase[0])
+        gain, strength = _gains(comb, eigenvalue / kept, heard / kept)
+        return gain + rest(variance), strength
+
+    def rest(variance: float) -> float:
+        kept = 1.0 + variance * eigenvalue
+        return 0.5 * float((variance * heard**2 / kept - np.log(kept)).sum())
+
+    every = np.array([[told(each, comb)[0] for comb in combs] for each in RESTS])
+    each_phase = _mean(np.swapaxes(every, 0, 1).reshape(len(PHASES), -1))
+    likely = np.logaddexp.reduce(every[:, 0], axis=0)
+    weight = np.exp(likely - np.logaddexp.reduce(likely))
     mean = float(weight @ np.log(delay_s))
     share = float(np.sqrt(weight @ (np.log(delay_s) - mean) ** 2))
-    odds = float(each_phase[0] - max(*alone, *each_phase[1:]))
-    return Mirror(float(np.exp(mean)), float(np.hypot(share, MODEL_SHARE)), odds)
+    odds = float(each_phase[0] - max(*map(rest, RESTS), *each_phase[1:]))
+    # what is beside the comb, by the comb's own variance
+    best, at = np.unravel_index(np.argmax(every[:, 0]), every[:, 0].shape)
+    strength = told(RESTS[best], combs[0])[1][at]
+    own = float(((strength @ combs[0][at]) ** 2).mean())
+    nothing, channel = (
+        max(float(_mean(told(own * each, combs[0])[0])) for each in shares)
+        for shares in (NOTHING, CHANNEL)
+    )
+    return Mirror(
+        float(np.exp(mean)), float(np.hypot(share, MODEL_SHARE)), odds,
+        nothing - max(channel, *map(rest, RESTS)),
+    )  # fmt: skip
+
+
+def _mean(log_values: FloatArray) -> FloatArray:
+    """Return the logarithm of the mean of values along the last axis."""
+    total = np.logaddexp.reduce(log_values, axis=-1)
+    return np.asarray(total - np.log(log_values.shape[-1]))
 
 
 def _combs(
@@ -109,24 +147,34 @@ def _combs(
 ) -> FloatArray:  # fmt: skip
     """Return combs of some delays and what changes their strength.
 
-    Shape (delay, part, coefficient). ``phase``: of the reflection, in half turns from one
-    that turns the sound round.
+    The logarithm of 1 + r^2 - 2 r cos is - sum of 2 r^n cos(n .) / n. Shape (delay, part,
+    coefficient). ``phase``: of the reflection, in half turns from one that turns the sound
+    round.
     """
     cycles = frequency_hz * delay_s[:, None]
-    first, second = (
-        np.cos(np.pi * order * (2.0 * cycles + 1.0 + phase))
-        * np.sinc(order * cycles * blur)
-        for order in (1, 2)
-    )
-    return np.stack([first, first * bend, first * bend**2, second, second * bend], 1)
+    waves = [
+        -np.cos(np.pi * order * (2.0 * cycles + phase)) * np.sinc(order * cycles * blur)
+        for order in range(1, HARMONICS + 1)
+    ]
+    shapes = {
+        depth: sum(2.0 * depth**k / k * wave for k, wave in enumerate(waves, 1))
+        for depth, _ in PARTS
+    }
+    return np.stack([shapes[depth] * bend**power for depth, power in PARTS], 1)
 
 
-def _gains(combs: FloatArray, precision: FloatArray, value: FloatArray) -> FloatArray:
-    """Return what a comb of each delay gains beside a rest, nepers, shape (delay,)."""
+def _gains(
+    combs: FloatArray, precision: FloatArray, value: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return what a comb of each delay gains beside a rest, nepers, and its strength.
+
+    Shapes (delay,) and (delay, part).
+    """
     seen = (combs * precision) @ np.swapaxes(combs, 1, 2)
     seen = np.eye(combs.shape[1]) + STRENGTH_VARIANCE * seen
     heard = combs @ value
     strength = np.linalg.solve(seen, heard[:, :, None])[:, :, 0]
     gain = 0.5 * STRENGTH_VARIANCE * (strength * heard).sum(axis=1)
     gain -= 0.5 * np.linalg.slogdet(seen)[1]
-    return np.asarray(np.where(strength[:, 0] > 0.0, gain, -np.inf))
+    gain = np.where(strength @ FIRST > 0.0, gain, -np.inf)
+    return np.asarray(gain), STRENGTH_VARIANCE * strength

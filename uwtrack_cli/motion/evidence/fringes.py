@@ -339,14 +339,10 @@ INVARIANT_PRIOR = (1.1, 0.25)
 BROAD_SHARE = 0.5
 """Prior probability that the invariant is not that of a mirror."""
 
-CHANNEL_LONGER, CHANNEL_WIDTH, CHANNEL_TIME = 0.022, 0.014, 0.001
+CHANNEL_LONGER, CHANNEL_WIDTH = 0.024, 0.010
 """By how much images in a bottom make the logarithm of R/v longer: they are those of a
-sensor that lies deeper, and so farther; mean and deviation, and the deviation of the time
-in R/v (tests/draws/fringe_rates.py)."""
-
-COMB_NEPERS, COMB_IN_CHANNEL = 3.0, 0.08
-"""What the evidence for one comb is divided by, to be that for water without a bottom, and
-how often a channel has one as evident: its bottom's images are weak or far then."""
+sensor that lies deeper, and so farther; mean and deviation
+(studies/constants/fringe_water.py)."""
 
 LARGEST_STEP = np.array([0.15, 0.15, 1.0, 0.2, 1.0])
 """What a step of the fit changes each of `UNKNOWNS` by at most."""
@@ -413,6 +409,10 @@ class FringePassage:
     """The likeliest one; its time is the mean, and so is its R/v."""
     covariance: FloatArray
     """Of time (s) and range over speed (s), shape (2, 2)."""
+    surface: Hypothesis
+    """The one by the law of a mirror, which holds where there is no bottom."""
+    surface_covariance: FloatArray
+    """Of its time and range over speed, shape (2, 2)."""
     gain: float
     """Nepers over an image without a pattern."""
     rival: str
@@ -444,16 +444,18 @@ class FringePassage:
         return PassageReport(passage.time_s, time_std_s, passage.width_s, width_std_s)
 
     @property
+    def scale(self) -> float:
+        """What a difference of log evidence is divided by, nepers."""
+        most = max(self.gain, self.rival_gain) / self.misfit
+        return TEMPERED_NEPERS + TEMPERED_SHARE * most
+
+    @property
     def log_odds(self) -> float:
         """Log of the odds that something passes, against its strongest rival."""
         more = (self.gain - self.rival_gain) / self.misfit
-        scale = (
-            TEMPERED_NEPERS
-            + TEMPERED_SHARE * max(self.gain, self.rival_gain) / self.misfit
-        )
         # shapes of one pattern on one course: what the sea does besides is in both
         shape = self.rival_pattern / self.misfit
-        return float(PRIOR_LOG_ODDS + more / scale - shape)
+        return float(PRIOR_LOG_ODDS + more / self.scale - shape)
 
     @property
     def probability(self) -> float:
@@ -665,7 +667,8 @@ def _weighed(
     )
     slope = np.array([scale_s, width_s])
     one = FringePassage(
-        middle, both * np.outer(slope, slope), likelihood - nothing, "",
+        middle, both * np.outer(slope, slope), mirror.passage,
+        mirror.covariance_with(misfit) * scale_s**2, likelihood - nothing, "",
         -np.inf, 0.0, model.templates[0], found, own_contrast, taken.pattern, misfit,
         model.panel,
     )  # fmt: skip
@@ -679,23 +682,42 @@ def _weighed(
     return one
 
 
-def _in_water(one: FringePassage, frequency_hz: FloatArray) -> FringePassage:
-    """Allow for images in a bottom as far as the pattern is not that of the surface alone.
+def _mirrored(one: FringePassage, frequency_hz: FloatArray) -> FringePassage:
+    """Look for the surface's image in a pattern.
 
     ``frequency_hz``: middles of the cells of the image.
     """
     lowest_hz = float(np.exp(np.log(frequency_hz[:FIT_CELLS]).mean()))
     mirror = mirror_of(one.panel, one.fitted, one.template, one.misfit, lowest_hz)
-    other = float(np.exp(-np.clip(mirror.log_odds / COMB_NEPERS, -50.0, 50.0)))
-    odds = COMB_IN_CHANNEL + (1.0 - COMB_IN_CHANNEL) * other
-    share = odds / (1.0 + odds)
+    return replace(one, mirror=mirror)
+
+
+def _in_water(one: FringePassage) -> FringePassage:
+    """Weigh water without a bottom, where nothing but the surface sounds, and a channel.
+
+    The invariant is that of a mirror in the first, and images in a bottom make R/v longer
+    in the second. How likely it is, the pattern says: whether one comb is all of it.
+    """
+    if one.mirror is None:
+        return one
+    alone = one.mirror.alone
+    # what seems to be a rest may be what the law of a comb does not say
+    odds = alone / (TEMPERED_NEPERS if alone > 0.0 else one.scale)
+    share = float(1.0 / (1.0 + np.exp(np.clip(odds, -50.0, 50.0))))
     width_s = one.passage.width_s
-    longer = share * (CHANNEL_WIDTH**2 + (1.0 - share) * CHANNEL_LONGER**2)
-    more = np.diag([share * CHANNEL_TIME**2, longer]) * width_s**2
-    shorter = one.passage.changed("width_s", -share * CHANNEL_LONGER)
+    channel = one.passage.changed("width_s", -CHANNEL_LONGER)
+    more = np.diag([0.0, CHANNEL_WIDTH * width_s])
+    off = np.array([
+        channel.time_s - one.surface.time_s, channel.width_s - one.surface.width_s
+    ])  # fmt: skip
+    both = (1.0 - share) * one.surface_covariance + share * (one.covariance + more**2)
     return replace(
-        one, passage=shorter, covariance=one.covariance + more, mirror=mirror
-    )
+        one, covariance=both + share * (1.0 - share) * np.outer(off, off),
+        passage=one.passage._replace(
+            time_s=one.surface.time_s + share * float(off[0]),
+            width_s=one.surface.width_s + share * float(off[1]),
+        ),
+    )  # fmt: skip
 
 
 def _changing(
@@ -876,7 +898,7 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
     vessels: list[FringePassage] = []
     frequency_hz = evidence.fringes.frequency_hz
     told = [one for one in known if one.log_odds >= 0.0 and evidence.can_tell(one)]
-    for one in (_in_water(each, frequency_hz) for each in told):
+    for one in (_in_water(_mirrored(each, frequency_hz)) for each in told):
         if all(same_vessel(one.report, other.report) <= 0.0 for other in vessels):
             vessels.append(one)
     return vessels
