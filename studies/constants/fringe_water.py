@@ -46,10 +46,10 @@ def drawn(first: int, last: int) -> Iterator[Told]:
             frequency, power, ship = draw_power(seed, is_deep=is_deep, snr_db=level_db)
             width_s = ship.slant_m(scene(seed, is_deep=is_deep)[2].sensor_m)
             width_s /= ship.speed_mps
-            with patch.object(fringes, "_in_water", lambda one: one):
+            with patch.object(fringes, "in_water", lambda one: one):
                 rows = fringes.fringe_passages(fringes_of(frequency, power), MACH)
             for row in rows[:1]:
-                after = fringes._in_water(row)
+                after = fringes.in_water(row)
                 off_s = after.passage.width_s - width_s
                 yield Told(
                     is_deep, row.mirror.alone,

@@ -692,7 +692,7 @@ def _mirrored(one: FringePassage, frequency_hz: FloatArray) -> FringePassage:
     return replace(one, mirror=mirror)
 
 
-def _in_water(one: FringePassage) -> FringePassage:
+def in_water(one: FringePassage) -> FringePassage:
     """Weigh water without a bottom, where nothing but the surface sounds, and a channel.
 
     The invariant is that of a mirror in the first, and images in a bottom make R/v longer
@@ -898,7 +898,7 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
     vessels: list[FringePassage] = []
     frequency_hz = evidence.fringes.frequency_hz
     told = [one for one in known if one.log_odds >= 0.0 and evidence.can_tell(one)]
-    for one in (_in_water(_mirrored(each, frequency_hz)) for each in told):
+    for one in (in_water(_mirrored(each, frequency_hz)) for each in told):
         if all(same_vessel(one.report, other.report) <= 0.0 for other in vessels):
             vessels.append(one)
     return vessels
