@@ -114,8 +114,8 @@ def test_the_delay_of_the_surface_image_is_that_of_the_two_ways(evident):
     assert abs(off) < 2.0 * mirror.share < 0.1
 
 
-def test_a_channel_without_one_comb_tells_no_delay():
-    frequency, power, _ = draw_power(102, is_deep=False)
+def test_a_channel_in_which_no_comb_stands_out_tells_no_delay():
+    frequency, power, _ = draw_power(7405, is_deep=False)
     fringes = fringes_of(frequency, power)
     (one,) = fringe_passages(fringes, MACH)
     assert not one.mirror.is_evident

@@ -15,9 +15,11 @@ The logarithm of two ways' interference has many harmonics where the vessel is l
 interference); Rasmussen and Williams (2006), section 2.7 (explicit basis functions).
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.evidence.fringe_panel import Panel
@@ -45,7 +47,7 @@ with which their strength changes: what is linear in a comb."""
 FIRST = np.array([depth * (power == 0) for depth, power in PARTS])
 """What each has of the first harmonic in the middle of the band."""
 
-HARMONICS = 6
+ORDERS = range(1, 7)
 """Harmonics of the logarithm of two ways' interference that are summed."""
 
 CYCLES, FEWEST, STEP = 64.0, 0.6, 0.08
@@ -101,11 +103,13 @@ def mirror_of(
     delay_s = np.arange(FEWEST, CYCLES, STEP) / frequency_hz[-1]
     delay_s = delay_s[delay_s * frequency_hz[0] * blur < LARGEST_BLUR]
     bend = np.linspace(-1.0, 1.0, place.size)
-    combs = [
-        _combs(phase, delay_s, frequency_hz, bend, blur) @ axes for phase in PHASES
-    ]
+    waves = _waves(delay_s[:, None] * frequency_hz, blur)
+    turned = axes.astype(np.float32)
+    combs = [_combs(phase, waves, bend) @ turned for phase in PHASES]
 
-    def told(variance: float, comb: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def told(
+        variance: float, comb: NDArray[np.float32]
+    ) -> tuple[FloatArray, FloatArray]:
         kept = 1.0 + variance * eigenvalue
         gain, strength = _gains(comb, eigenvalue / kept, heard / kept)
         return gain + rest(variance), strength
@@ -141,40 +145,59 @@ def _mean(log_values: FloatArray) -> FloatArray:
     return np.asarray(total - np.log(log_values.shape[-1]))
 
 
+def _waves(cycles: FloatArray, blur: float) -> list[NDArray[np.complex64]]:
+    """Return the harmonics of combs over some cycles, of shape (delay, coefficient)."""
+    turn = np.exp(2j * np.pi * cycles).astype(np.complex64)
+    found, wave = [], np.ones_like(turn)
+    for order in ORDERS:
+        wave = wave * turn
+        share = np.sinc((order * blur) * cycles.astype(np.float32))
+        found.append(wave * share)
+    return found
+
+
 def _combs(
-    phase: float, delay_s: FloatArray, frequency_hz: FloatArray, bend: FloatArray,
-    blur: float,
-) -> FloatArray:  # fmt: skip
+    phase: float, waves: Sequence[NDArray[np.complex64]], bend: FloatArray
+) -> NDArray[np.float32]:
     """Return combs of some delays and what changes their strength.
 
     The logarithm of 1 + r^2 - 2 r cos is - sum of 2 r^n cos(n .) / n. Shape (delay, part,
     coefficient). ``phase``: of the reflection, in half turns from one that turns the sound
     round.
     """
-    cycles = frequency_hz * delay_s[:, None]
-    waves = [
-        -np.cos(np.pi * order * (2.0 * cycles + phase)) * np.sinc(order * cycles * blur)
-        for order in range(1, HARMONICS + 1)
+    turned = [
+        -(wave * np.exp(1j * np.pi * phase * k).astype(np.complex64)).real
+        for k, wave in zip(ORDERS, waves, strict=True)
     ]
     shapes = {
-        depth: sum(2.0 * depth**k / k * wave for k, wave in enumerate(waves, 1))
+        depth: np.tensordot([2.0 * depth**k / k for k in ORDERS], turned, 1)
         for depth, _ in PARTS
     }
-    return np.stack([shapes[depth] * bend**power for depth, power in PARTS], 1)
+    found = [shapes[depth] * bend**power for depth, power in PARTS]
+    return np.stack(found, 1).astype(np.float32)
 
 
 def _gains(
-    combs: FloatArray, precision: FloatArray, value: FloatArray
+    combs: NDArray[np.float32], precision: FloatArray, value: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return what a comb of each delay gains beside a rest, nepers, and its strength.
 
     Shapes (delay,) and (delay, part).
     """
-    seen = (combs * precision) @ np.swapaxes(combs, 1, 2)
-    seen = np.eye(combs.shape[1]) + STRENGTH_VARIANCE * seen
+    heavy = combs * precision.astype(np.float32)
+    seen = (heavy @ np.swapaxes(combs, 1, 2)).astype(float)
+    root = np.linalg.cholesky(np.eye(combs.shape[1]) + STRENGTH_VARIANCE * seen)
     heard = combs @ value
-    strength = np.linalg.solve(seen, heard[:, :, None])[:, :, 0]
-    gain = 0.5 * STRENGTH_VARIANCE * (strength * heard).sum(axis=1)
-    gain -= 0.5 * np.linalg.slogdet(seen)[1]
+    # all delays at once, part by part: solving each by itself is most of the cost
+    half, strength = np.zeros_like(heard), np.zeros_like(heard)
+    parts = range(combs.shape[1])
+    for k in parts:
+        known = (root[:, k, :k] * half[:, :k]).sum(axis=1)
+        half[:, k] = (heard[:, k] - known) / root[:, k, k]
+    for k in reversed(parts):
+        known = (root[:, k + 1 :, k] * strength[:, k + 1 :]).sum(axis=1)
+        strength[:, k] = (half[:, k] - known) / root[:, k, k]
+    gain = 0.5 * STRENGTH_VARIANCE * (half**2).sum(axis=1)
+    gain -= np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
     gain = np.where(strength @ FIRST > 0.0, gain, -np.inf)
     return np.asarray(gain), STRENGTH_VARIANCE * strength

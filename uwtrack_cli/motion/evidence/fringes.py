@@ -390,9 +390,9 @@ LEFT_ORDER = 2
 STILL_VARIANCES = (0.01, 0.1, 1.0)
 """Variances of what rises and falls in place, nepers^2."""
 
-MOST_SHOWN = 0.8
-"""How often a vessel without noise about her shows a pattern: rough seas, deep sources and
-sheltered ones leave none. It is chosen."""
+MOST_SHOWN = 0.72
+"""How often a vessel without noise about her shows a pattern: rough seas, and sensors near
+the surface, leave none (studies/constants/fringe_shown.py)."""
 
 MOST_PASSAGES = 3
 """Passages of a stretch at most."""
