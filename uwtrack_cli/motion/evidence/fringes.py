@@ -339,7 +339,7 @@ INVARIANT_PRIOR = (1.1, 0.25)
 BROAD_SHARE = 0.5
 """Prior probability that the invariant is not that of a mirror."""
 
-CHANNEL_LONGER, CHANNEL_WIDTH = 0.024, 0.010
+CHANNEL_LONGER, CHANNEL_WIDTH = 0.023, 0.012
 """By how much images in a bottom make the logarithm of R/v longer: they are those of a
 sensor that lies deeper, and so farther; mean and deviation
 (studies/constants/fringe_water.py)."""
