@@ -4,7 +4,7 @@ Draws the passages of `fringe_sounds` over deep water, 20 dB above the sea at th
 approach, under surfaces as rough as those of the oceans are: of the reflected sound the
 part exp(-2 (k h sin g)^2) is coherent, with the wave number k, the root mean square height
 h of the surface and the grazing angle g, and the rest is scattered without a pattern
-(Brekhovskikh and Lysanov, Fundamentals of Ocean Acoustics, section 9.4). The significant
+(Brekhovskikh and Lysanov, Fundamentals of Ocean Acoustics, chapter 9). The significant
 height 4 h is log-normal with a median of 2 m and a factor of two, as in Young (1999), Int.
 J. Climatol. 19, 931. Sensors are 3 to 100 m deep, as recorders are hung or laid: near the
 surface the first dark band lies above what is heard. Prints what is found of them, and how

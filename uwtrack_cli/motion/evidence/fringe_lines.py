@@ -11,8 +11,8 @@ normal, and how many are is found from the image.
 **Conventions.** Courses are shifts of the logarithm of frequency. Nepers.
 
 **References.** Viterbi (1967), doi 10.1109/TIT.1967.1054010; Mitchell and Beauchamp
-(1988), doi 10.1080/01621459.1988.10478694, for a prior of spike and slab; Barrett and
-McMahon (1990), JASA 87, S17, for courses of lines by hidden Markov models.
+(1988), doi 10.1080/01621459.1988.10478694, for a prior of spike and slab; Streit and
+Barrett (1990), IEEE Trans. ASSP 38, 586, for courses of lines by hidden Markov models.
 """
 
 import numpy as np
