@@ -1,14 +1,13 @@
-"""Where the threshold of a manoeuvre of the target comes from.
+"""How often a straight target is said to alter its velocity, and one that does is found.
 
 Draws records of the published scenarios with straight targets and with targets that
-turn or change their speed half way, and prints the gains of the best change of
-velocity over the threshold: for straight ones the share beyond it is that of false
-manoeuvres, for the others that of those found. Some seconds for ten records of each:
+turn or change their speed half way, and prints the probability of an alteration: for
+straight ones the share of more than a half is that of false alterations, for the others
+that of those found. Some seconds for ten records of each:
 python -m studies.constants.manoeuvre 60
 
-With another seed than that of the threshold (11) it is confirmed; "straight" leaves the
-others out, and the last line has the false manoeuvres of all with their exact interval:
-python -m studies.constants.manoeuvre 60 4000 straight
+"straight" leaves the others out, and the last line has the false alterations of all with
+their exact interval: python -m studies.constants.manoeuvre 60 4000 straight
 """
 
 import sys
@@ -29,10 +28,12 @@ from studies.tma_scenarios import (
 )
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
-from uwtrack_cli.motion.target_motion.manoeuvre import find_manoeuvre
+from uwtrack_cli.motion.target_motion.legs import find_legs
 from uwtrack_cli.motion.target_motion.problem import Problem
+from uwtrack_cli.motion.target_motion.solvers.marquardt import search_bounds
 
 KNOWN = NuisanceDeviations(7.4, 1.0, 10.0, 0.1, 100.0)
+BOUNDS = search_bounds((20.0, 200_000.0), 18.0)
 TURNS = ((10.0, 0.0), (30.0, 0.0), (90.0, 0.0), (0.0, 1.0))
 """Turns in degrees and changes of speed in knots at the middle of the record."""
 
@@ -68,15 +69,18 @@ def _heard(relative: FloatArray) -> tuple[FloatArray, FloatArray]:
     return bearing, REST_HZ * (1.0 - rate / SOUND_SPEED_MPS)
 
 
-def gains(
+def probabilities(
     name: str, noise: float, runs: int, change: tuple[float, float], seed: int
 ) -> FloatArray:
-    """Return gains over those of chance, of so many records of a scenario."""
+    """Return probabilities of an alteration, of so many records of a scenario."""
     problem = make_problem(make_scenario(name), noise=noise, runs=runs, seed=seed)
     problem = turned(problem, name, *change)
     fit = fit_from_truth(problem, make_scenario(name).solution())
-    found = [find_manoeuvre(problem.record(k), fit.q[k], KNOWN, 0) for k in range(runs)]
-    return np.array([one.gain / one.chance_gain for one in found])
+    found = [
+        find_legs(problem.record(k), fit.take([k]), BOUNDS, KNOWN, 0)
+        for k in range(runs)
+    ]
+    return np.array([one.probability for one in found])
 
 
 def main(runs: int, seed: int = 11, *, only_straight: bool = False) -> None:
@@ -86,19 +90,19 @@ def main(runs: int, seed: int = 11, *, only_straight: bool = False) -> None:
     for name in TARGETS:
         for noise in (1.0, 5.0):
             for change in changes:
-                found = gains(name, noise, runs, change, seed)
+                found = probabilities(name, noise, runs, change, seed)
                 median, high = np.quantile(found, [0.5, 0.98])
-                share = (found > 1.0).mean()
+                share = (found > 0.5).mean()
                 if change == (0.0, 0.0):
-                    false, straight = false + int((found > 1.0).sum()), straight + runs
+                    false, straight = false + int((found > 0.5).sum()), straight + runs
                 print(
                     f"{name} noise {noise:g} turn {change[0]:g} deg {change[1]:+g} kn: "
-                    f"median {median:.1f}, 98 % {high:.1f}, found {share:.3f}",
+                    f"median {median:.2f}, 98 % {high:.2f}, found {share:.3f}",
                     flush=True,
                 )
     low, high = binomtest(false, straight).proportion_ci(method="exact")
     print(
-        f"seed {seed}: false manoeuvres {false} of {straight} ({low:.1%} to {high:.1%})"
+        f"seed {seed}: false alterations {false} of {straight} ({low:.1%} to {high:.1%})"
     )
 
 

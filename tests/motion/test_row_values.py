@@ -286,7 +286,7 @@ def mode_of(half=1.0, other=1.0, *, std=(200.0, 0.02, 0.3, 0.1), turns=0.0, **ch
     told = {
         "q": q, "covariance": np.diag(np.square([*std, 0.1])), "intervals": spans,
         "ellipse_holds": True, "observability": seen, "at_limit_m": None, "value": 50.0,
-        "range_per_sound_speed": 1.0,
+        "range_per_sound_speed": 1.0, "legs": (None,), "weight": 1.0,
     }  # fmt: skip
     return SimpleNamespace(**(told | changed))
 
@@ -310,8 +310,7 @@ def test_an_ellipse_agrees_within_a_quarter_on_either_side(
 
 def answer_of(**changed):
     told = {
-        "target_manoeuvre": SimpleNamespace(is_certain=False), "last_leg": None,
-        "n_values": 40, "manoeuvring": True, "probability": None, "n_sources": 1,
+        "legs": SimpleNamespace(probability=0.01), "n_values": 40, "manoeuvring": True, "probability": None, "n_sources": 1,
         "data": SimpleNamespace(
             bearing_deg=np.ones(20), line_id=np.ones(1), time_s=np.arange(20.0)
         ),

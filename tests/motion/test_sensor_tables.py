@@ -210,3 +210,22 @@ def test_bearings_of_one_sensor_in_radians_are_told_with_its_name():
     )
     with pytest.raises(DataError, match=r"by b2 .* radians"):
         locate_vessels(series=mixed)
+
+
+def test_fixes_follow_the_legs_of_a_target_that_alters():
+    """It goes east of north for ten minutes, and then north."""
+    series, *_ = buoys(1, rows=60)
+    time = series.time_s
+    late = np.maximum(time - 600.0, 0.0)
+    east, north = -1000.0 + 3.0 * (time - late), -500.0 + time + 3.0 * late
+    away = east - series.sensor_east_m, north - series.sensor_north_m
+    noise = np.random.default_rng(4).standard_normal(time.size)
+    bearing = (np.degrees(np.arctan2(*away)) + noise) % 360.0
+    series = replace(series, bearing_deg=bearing, bearing_std_deg=np.ones(time.size))
+    fixes = locate_vessels(series=series, at=["0", "300", "1200"])
+    truth = [[-1000.0, -500.0], [-100.0, -200.0], [800.0, 2500.0]]
+    found = np.stack([fixes.east_m, fixes.north_m], 1) - truth
+    inside = np.einsum("ta,tab,tb->t", found, np.linalg.inv(fixes.covariance_m2), found)
+    assert inside.max() < 13.8  # 99.9 % of two degrees of freedom
+    assert np.sqrt(np.linalg.det(fixes.covariance_m2)).max() < 30.0**2
+    assert fixes.speed_mps[[0, 2]] == pytest.approx([np.hypot(3, 1), 4.0], abs=0.25)

@@ -21,21 +21,14 @@ from uwtrack_cli.motion.target_motion.error_budget import (
     NuisanceDeviations,
     error_budget,
 )
-from uwtrack_cli.motion.target_motion.last_leg import (
-    _descend,
-    _described,
-    _Trial,
-    _value,
-)
-from uwtrack_cli.motion.target_motion.manoeuvre import _Parts, _search
-from uwtrack_cli.motion.target_motion.modes import TmaOptions, last_position
+from uwtrack_cli.motion.target_motion.legs import seek_alteration
+from uwtrack_cli.motion.target_motion.modes import seen_at
 from uwtrack_cli.motion.target_motion.objective import (
     misfit,
     misfit_value,
     residuals,
 )
 from uwtrack_cli.motion.target_motion.observability import information
-from uwtrack_cli.motion.target_motion.solvers.marquardt import search_bounds
 
 KINDS = [
     (1, "interval", False, 0.0, False), (1, "instantaneous", True, 40.0, False),
@@ -264,14 +257,15 @@ def test_a_budget_is_what_own_navigation_and_the_compass_do_to_a_fit(doppler):
 def test_the_last_position_and_its_deviation_are_those_of_the_motion_then(kind):
     scene, problem = made(kind)
     covariance = information(problem, STATE).covariance(people=False)
-    now, std = last_position(problem, STATE, covariance)
     time = scene.time_s[-1] - scene.time_s[0]
+    now, std = seen_at(problem, STATE, covariance[:4, :4], time)
     first = np.flatnonzero(scene.sensor == scene.sensor[0])[-1]
 
     def polar(q):
         way = np.exp(q[0]) * np.array([np.sin(q[1]), np.cos(q[1])]) + time * q[2:]
         way = way - scene.own()[first]
-        return np.array([np.hypot(*way), np.arctan2(*way) % (2 * np.pi)])
+        place = np.hypot(*way), np.arctan2(*way) % (2 * np.pi)
+        return np.array([*place, np.hypot(*q[2:]), np.arctan2(*q[2:]) % (2 * np.pi)])
 
     np.testing.assert_allclose(now, polar(STATE), rtol=1e-9)
     steps = 1e-5 * np.eye(4)
@@ -294,26 +288,26 @@ def test_the_gain_of_a_change_is_that_of_least_squares_with_it():
     straight = Scene(1, "instantaneous")
     x = beside(straight, problem, STATE)
     told = NuisanceDeviations(20.0, 3.0)
-    parts = _Parts(problem, residuals(problem, STATE[None]), told)
     inflation = np.array([1.7, 2.5])
-    instants = np.array([50.0, 110.0, 140.0, 200.0, 260.0])
-    best, left = _search(parts, instants, inflation)
+    found = seek_alteration(problem, STATE, told, inflation)
     wide = np.sqrt(np.repeat(inflation, [ROWS, 2 * ROWS]))
     z = straight.whitened(problem, x)[: 3 * ROWS]
     compass = np.where(np.arange(z.size) < ROWS, np.radians(3.0) / BEARING_STD_RAD, 0.0)
     sound = 20.0 * change_of(straight, problem, x, "sound_mps", None, 1.0)
     own = np.column_stack([straight.slopes(problem, x), sound, compass])
-    both = np.append(z / wide, [0.0, 0.0])
+    free = own.shape[1] - 2
 
     def least(columns):
-        part = np.concatenate(
-            [columns / wide[:, None], np.eye(2, columns.shape[1], own.shape[1] - 2)]
-        )
-        fit = np.linalg.lstsq(part, both, rcond=None)[0]
-        return both - part @ fit
+        # sound speed and compass have unit priors, each part of a change one of 4 m/s
+        known = np.zeros((columns.shape[1] - free, columns.shape[1]))
+        known[:, free:] = np.diag([1.0, 1.0, 0.25, 0.25][: len(known)])
+        part = np.concatenate([columns / wide[:, None], known])
+        both = np.append(z / wide, np.zeros(len(known)))
+        return both - part @ np.linalg.lstsq(part, both, rcond=None)[0]
 
-    gains, changes = [], []
-    for at in instants:
+    gains = []
+    apart = ~np.isin(found.instant_s, problem.row_time_s)
+    for at in found.instant_s[apart][::6]:
         moves = []
         for axis in (0, 1):
             ends = []
@@ -325,52 +319,4 @@ def test_the_gain_of_a_change_is_that_of_least_squares_with_it():
             moves.append((ends[0] - ends[1]) / 2e-3)
         rest = least(own), least(np.column_stack([own, *moves]))
         gains.append(rest[0] @ rest[0] - rest[1] @ rest[1])
-        changes.append(((rest[0] - rest[1])[: z.size]) * wide)
-    assert best.time_s == instants[np.argmax(gains)]
-    assert best.gain == pytest.approx(max(gains), rel=1e-3)
-    np.testing.assert_allclose(left, changes[np.argmax(gains)], atol=2e-3)
-
-
-def test_a_last_leg_has_the_covariance_of_both_legs():
-    """Partials of the written model, with the prior of the change; exact data."""
-    scene, change, problem = bent_scene(noise=0.0)
-    # the room's motion is that of the last leg, run back to the first row
-    way = np.exp(STATE[0]) * np.array([np.sin(STATE[1]), np.cos(STATE[1])])
-    way = way - change[2] * change[:2]
-    q = np.array([np.log(np.hypot(*way)), np.arctan2(*way), *(STATE[2:] + change[:2])])
-    trial = _Trial(q, change)
-    assert _value(problem, trial) == pytest.approx(change[:2] @ change[:2] / 16.0)
-
-    def whitened(by):
-        """By range, bearing, velocity and rest frequencies then, and the change."""
-        other = Scene(1, "instantaneous")
-        other.change = by[6:]
-        first = np.exp(by[0]) * np.array([np.sin(by[1]), np.cos(by[1])])
-        first = first + by[8] * by[6:8]
-        motion = np.log(np.hypot(*first)), np.arctan2(*first), *(by[2:4] - by[6:8])
-        z = other.whitened(problem, np.array([*motion, *by[4:6]]))
-        return np.append(z, by[6:8] / 4.0)
-
-    at = np.concatenate([q, scene.truth(offsets=False)[4:], change])
-    steps = np.diag([1e-5] * 8 + [1e-3])
-    rows = np.stack([
-        (whitened(at + s) - whitened(at - s)) / (2 * s.max()) for s in steps
-    ], 1)  # fmt: skip
-    covariance = np.linalg.inv(rows.T @ rows)[:6, :6]
-    options = TmaOptions(NuisanceDeviations(), SOUND_MPS, is_table=False)
-    limits = search_bounds((50.0, 100_000.0), 15.0)
-    found = _described(problem, [(trial, 0.0)], limits, options)
-    same(found.solver_covariance, covariance)
-    # another minimum, two off in misfit, adds the square of its distance
-    away = np.array([0.1, 0.05, 0.2, -0.3])
-    pair = [(trial, 0.0), (_Trial(q + away, change), 2.0)]
-    both = _described(problem, pair, limits, options)
-    share = np.exp(-1.0) / (1.0 + np.exp(-1.0))
-    added = (both.solver_covariance - found.solver_covariance)[:4, :4]
-    np.testing.assert_allclose(added, share * np.outer(away, away), rtol=1e-6)
-    # the least misfit with the prior is that of scipy, within the same two rows
-    start = _Trial(q + 0.02, change + np.array([0.3, -0.3, 2.0]))
-    ended, value = _descend(problem, start, limits, float(problem.row_time_s[-1]))
-    peer = least_squares(whitened, at, x_scale=[*np.sqrt(np.diag(covariance)), 1, 1, 9])
-    assert value == pytest.approx(2 * peer.cost, rel=1e-2)
-    np.testing.assert_allclose(ended.change, peer.x[6:], rtol=2e-2)
+    np.testing.assert_allclose(found.gain[apart][::6], gains, rtol=1e-3)

@@ -7,7 +7,7 @@ import pytest
 
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.motion.options import MotionModel, Nuisances
+from uwtrack_cli.motion.options import Misfit, MotionModel, Nuisances
 from uwtrack_cli.motion.target_motion.own_ship import OwnPath, bend_rad
 from uwtrack_cli.motion.tma import estimate_motion
 
@@ -75,7 +75,7 @@ def test_a_turn_of_own_ship_does_not_pull_the_course(seed, is_table):
     for tow_m in (0.0, TOW_M):
         motions = estimate_motion(
             series, None, navigation, nuisances=exact, updates=1,
-            model=MotionModel(tow_length_m=tow_m),
+            model=MotionModel(tow_length_m=tow_m), misfit=Misfit(loss="squares"),
         )  # fmt: skip
         error = (motions.course_deg[0] - due + 180.0) % 360.0 - 180.0
         off[tow_m] = abs(error), motions.course_std_deg[0]

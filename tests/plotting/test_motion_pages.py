@@ -1,10 +1,14 @@
 """Pages of target motion and maps show what the containers say, and nothing else."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from geographiclib.geodesic import Geodesic
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
+from tests.draws.sonar_tables import heard, own_ship
 from uwtrack_cli.data.encounters import Fixes
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.sensor import Navigation, Sensor
@@ -77,6 +81,54 @@ def test_an_untold_range_is_a_ray_along_the_bearing(ax):
     assert rays[0][1, 0] > 0
     assert rays[0][1, 1] == pytest.approx(0.0, abs=1e-9)
     assert not ax.patches
+
+
+def legs():
+    """Two legs of the first mode, with an alteration of ten seconds between them."""
+    north, east = [1000.0, 90.0], [1030.0, 80.0]
+    told = {
+        "motion": [0, 0], "number": [1, 2], "start_s": [0.0, 55.0], "end_s": [45.0, 100.0],
+        "range_m": [north[0], east[0]], "range_std_m": [10.0, 20.0],
+        "bearing_deg": [north[1], east[1]], "bearing_std_deg": [1.0, 1.0],
+        "speed_mps": [5.0, 5.0], "speed_std_mps": [0.1, 0.1], "course_deg": [0.0, 90.0],
+        "course_std_deg": [1.0, 1.0], "alteration_time_s": [np.nan, 50.0],
+        "alteration_time_std_s": [np.nan, 3.0],
+    }  # fmt: skip
+    return {f"leg_{key}": values for key, values in told.items()}
+
+
+def test_legs_are_drawn_and_joined_by_the_alteration(ax):
+    """45 s north at 5 m/s, a quarter of a circle in 10 s, and 45 s east."""
+    draw_motion_map(motions(**legs()), [], ax)
+    first, second = ways(ax)[:2]
+    corner = 5.0 * 10.0 / (0.5 * np.pi)  # radius of that circle, m
+    begin = [1000.0 + corner, 225.0 + corner]
+    np.testing.assert_allclose(first, [[1000.0, 0.0], [1000.0, 225.0]], atol=1e-6)
+    np.testing.assert_allclose(second, [begin, [begin[0] + 225.0, begin[1]]], atol=1e-6)
+    (dashed,) = [one.get_xydata() for one in ax.lines if one.get_linestyle() == "--"]
+    np.testing.assert_allclose(dashed, [first[1], second[0]], atol=1e-6)
+    assert len(ax.patches) >= 3  # regions of both legs and of the end
+
+
+def test_the_page_says_the_legs_and_parts_their_residuals():
+    series, navigation = heard("S1-T1"), own_ship("S1-T1")
+    found = estimate_motion(series, navigation=navigation, updates=2)
+    told = legs() | {
+        "leg_range_m": [found.range_m[0], 21_000.0], "leg_speed_mps": [4.1, 5.0],
+        "leg_start_s": [0.0, 3020.0], "leg_end_s": [2980.0, 5994.0],
+        "leg_alteration_time_s": [np.nan, 3000.0],
+    }  # fmt: skip
+    altered = replace(found, **{key: np.array(value) for key, value in told.items()})
+    (page,) = pages_of([altered, series, navigation])
+    figure = page.draw(View())
+    words = " ".join(text.get_text() for text in figure.findobj(Text))
+    assert "leg 2 of 2 from 3000 \u00b1 3 s" in words
+    assert "not known exactly" in words
+    assert "sound speed" in words
+    residuals = [ax for ax in figure.axes if "residual" in ax.get_ylabel()]
+    for ax in residuals:
+        assert 3000.0 in [line.get_xdata()[0] for line in ax.lines]
+    assert len(residuals) == 2
 
 
 def test_estimates_before_the_range_is_observable_are_left_out(ax):

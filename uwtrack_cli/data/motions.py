@@ -25,7 +25,7 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     95 % likelihood-ratio intervals; nan is an open end. The covariance is over
     (range_m, bearing_deg, speed_mps, course_deg), in this order. Rest frequencies and
     reasons are ragged tables: any number of rows per motion. The estimates over time
-    (``update_*``) are a table of their own.
+    (``update_*``) are a table of their own, of the first leg.
     """
 
     NAME: ClassVar[str] = "motions"
@@ -34,6 +34,7 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     OBJECTS: ClassVar[dict[str, str]] = {
         "offsets_deg": "What the bearings of each sensor of a table must be turned by, "
         "by its name. [degree]",
+        "legs": "The legs of the target, in order of time.",
     }
 
     contact: IntArray = column("Contact, from 1.")
@@ -96,14 +97,16 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
         "Whether own ship must manoeuvre to learn the range.", key=""
     )
     motion_model: TextArray | None = column(
-        "'straight', or 'manoeuvre' where the target changed its velocity.",
+        "'straight', or 'manoeuvre' where the target altered its velocity.",
     )
     manoeuvre_time_s: FloatArray | None = column(
-        "When the target changed its velocity, if it did; nan if not."
+        "Middle of the first alteration of velocity; nan if there was none."
     )
     manoeuvre_gain: FloatArray | None = column(
-        "What the best change of velocity gains in the misfit; straight targets exceed "
-        "14.5 (20 in coloured noise) in less than 2 % of the records."
+        "What the best alteration gains in the misfit, noise with a memory allowed for."
+    )
+    manoeuvre_probability: FloatArray | None = column(
+        "Probability that the target altered its velocity."
     )
     east_m: FloatArray | None = column(
         "Place at the first measurement, east of the sensors' origin; nan without "
@@ -132,6 +135,41 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     offset_sensor: TextArray | None = column("Sensor.", "offset", names="offsets_deg")
     offset_deg: FloatArray | None = column(
         "What its bearings must be turned by.", "offset", key="offsets_deg"
+    )
+    leg_motion: IntArray | None = column(
+        "Row of the motion that a leg belongs to.", "leg", owner="motion"
+    )
+    leg_number: IntArray | None = column(
+        "Number of the leg, from 1.", "leg", key="legs.number"
+    )
+    leg_start_s: FloatArray | None = column(
+        "When it begins, behind the alteration before it.", "leg", key="legs.start_s"
+    )
+    leg_end_s: FloatArray | None = column("When it ends.", "leg", key="legs.end_s")
+    leg_range_m: FloatArray | None = column(
+        "Range where it begins.", "leg", key="legs.range_m"
+    )
+    leg_range_std_m: FloatArray | None = deviation("leg", key="legs.range_std_m")
+    leg_bearing_deg: FloatArray | None = column(
+        "Bearing where it begins.", "leg", key="legs.bearing_deg"
+    )
+    leg_bearing_std_deg: FloatArray | None = deviation(
+        "leg", key="legs.bearing_std_deg"
+    )
+    leg_speed_mps: FloatArray | None = column(
+        "Speed on it.", "leg", key="legs.speed_mps"
+    )
+    leg_speed_std_mps: FloatArray | None = deviation("leg", key="legs.speed_std_mps")
+    leg_course_deg: FloatArray | None = column(
+        "Compass course on it.", "leg", key="legs.course_deg"
+    )
+    leg_course_std_deg: FloatArray | None = deviation("leg", key="legs.course_std_deg")
+    leg_alteration_time_s: FloatArray | None = column(
+        "Middle of the alteration before it; nan of the first leg.",
+        "leg", key="legs.alteration_time_s",
+    )  # fmt: skip
+    leg_alteration_time_std_s: FloatArray | None = deviation(
+        "leg", key="legs.alteration_time_std_s"
     )
     weakest_direction: TextArray = column(
         "Worst observed combination, with its standard deviation.", key=""

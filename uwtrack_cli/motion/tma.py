@@ -4,8 +4,8 @@
 frequencies by maximum likelihood (Chang et al. 2003, corrected; Nardone, Lindgren &
 Gong 1984), with rest frequencies projected out, from many starts. Every motion
 within the likelihood-ratio region is returned as a mode, and what the data cannot
-tell is said, with the reason. A change of the target's velocity is always tried (see
-`target.manoeuvre`); where it is certain, the straight motion is not given.
+tell is said, with the reason. Alterations of the target's velocity are always tried, and
+its legs are given where the evidence asks for them (see `target_motion.legs`).
 
 **Conventions.** The state is that at the contact's first measurement; bearings are
 compass degrees from own ship to the target, ranges horizontal. A platform without
@@ -25,7 +25,7 @@ from uwtrack_cli.constants import SOUND_SPEED_WATER_MPS, SOURCE_DEPTH_M
 from uwtrack_cli.data.bearing_time import MIRROR, BearingTime
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.motions import Motions
-from uwtrack_cli.data.options import AtLeast, AtMost, checked
+from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked
 from uwtrack_cli.data.sensor import Navigation, Sensor, SoundSpeed
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError
@@ -42,6 +42,7 @@ from uwtrack_cli.motion.target_motion.inputs import (
 )
 from uwtrack_cli.motion.target_motion.modes import TmaOptions
 from uwtrack_cli.motion.target_motion.motion_table import motions_table
+from uwtrack_cli.motion.target_motion.problem import Expectation, MotionPrior
 
 DEFAULT_MODEL, DEFAULT_SEARCH, DEFAULT_MISFIT = MotionModel(), Search(), Misfit()
 DEFAULT_NUISANCES = Nuisances()
@@ -61,6 +62,15 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     solver: Literal["mle", "recursive", "genetic", "annealing"] = "mle",
     array_heading: Literal["auto", "none", "course", "heading"] = "auto",
     sound_speed_mps: SoundSpeed | None = None,
+    range_limits_m: Annotated[
+        tuple[float, float] | None, Unit("m"), AtLeast(1), AtMost(1e7), Increasing()
+    ] = None,
+    speed_limits_mps: Annotated[
+        tuple[float, float] | None, Unit("m/s"), AtLeast(0), AtMost(100), Increasing()
+    ] = None,
+    course_limits_deg: Annotated[
+        tuple[float, float] | None, Unit("degree"), AtLeast(0), AtMost(360)
+    ] = None,
     updates: Annotated[int, AtLeast(1), AtMost(100_000)] = 20,
     seed: Annotated[int, AtLeast(0), AtMost(2**32 - 1)] = 1,
     misfit: Misfit = DEFAULT_MISFIT,
@@ -100,6 +110,15 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     sound_speed_mps
         Sound speed; by default that of the sensor, or 1500 m/s. Sea water has about
         1500, air 340.
+    range_limits_m
+        Least and greatest range at the first measurement that an analyst expects. Like
+        the other two limits it counts as a measurement: of the middle (of the
+        logarithm), with the deviation of what lies anywhere between the limits.
+    speed_limits_mps
+        Least and greatest speed on every leg that an analyst expects.
+    course_limits_deg
+        Courses of the first leg that an analyst expects, clockwise from the first to
+        the second.
     updates
         Number of estimates over time, of growing parts of the record.
     seed
@@ -168,9 +187,27 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
         misfit=misfit,
         model=model,
         search=search,
+        prior=_prior(range_limits_m, speed_limits_mps, course_limits_deg),
         compass_std_deg=nuisances.compass_std_deg,
     )
     return motions_table(analyse_contacts(contacts, analysis), analysis)
+
+
+def _prior(
+    range_m: tuple[float, float] | None,
+    speed_mps: tuple[float, float] | None,
+    course_deg: tuple[float, float] | None,
+) -> MotionPrior:
+    """Return what an analyst's limits say before the fit."""
+    course = None
+    if course_deg is not None:
+        first, width = course_deg[0], (course_deg[1] - course_deg[0]) % 360.0
+        course = Expectation.between(*np.radians([first, first + width]).tolist())
+    return MotionPrior(
+        log_range=None if range_m is None else Expectation.between(*np.log(range_m)),
+        speed_mps=None if speed_mps is None else Expectation.between(*speed_mps),
+        course_rad=course,
+    )
 
 
 def _check_sensor_options(navigation: Navigation | None, solver: str) -> None:

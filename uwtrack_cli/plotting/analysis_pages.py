@@ -1,9 +1,10 @@
 """Pages of the analyses beside the chain: target motion, clutter, which contact moves.
 
 **Method.** The map of a target's motion has own ship's track and every mode from the
-first measurement to the last, with its 95 % regions; a faint track is an unlikely mode, a
-dotted ray the bearing of a target whose range is not observable. Residuals are those of
-the best mode under the model that it was fitted with, in degrees and in hertz. A target
+first measurement to the last, with its 95 % regions where each leg begins; a dashed line is
+an alteration, a faint track an unlikely mode, a dotted ray the bearing of a target whose
+range is not observable. Residuals are those of the best mode under the model that it was
+fitted with, in degrees and in hertz; upright lines part its legs. A target
 in clutter has its track among the measurements, and how the threshold followed it. A
 decision has the log odds of each pair, and the four terms they rest on, over scans.
 
@@ -37,7 +38,7 @@ from uwtrack_cli.files.tables.summaries import utc_text
 from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.motion.target_motion import inputs, own_ship
 from uwtrack_cli.motion.target_motion.inputs import Measurements
-from uwtrack_cli.motion.target_motion.model import predict_values
+from uwtrack_cli.motion.target_motion.model import Alteration, predict_values
 from uwtrack_cli.motion.target_motion.own_ship import OwnPath
 from uwtrack_cli.plotting import layout, style
 from uwtrack_cli.plotting.layout import HeadLine, PagePart
@@ -51,6 +52,12 @@ MAP_IN = 5.4
 
 WIDEST = 1.0
 """Half of a band, as a share of the range, above which an estimate is not drawn."""
+
+LEAST_SHARE = 0.005
+"""Share of the range's variance from which a nuisance is named."""
+
+UNIT_WORDS = {"mps": "m/s"}
+"""Units in words where a name writes them otherwise."""
 
 LIKELY = 0.3
 """How visible a mode of no weight is."""
@@ -126,11 +133,10 @@ def _heads(motions: Motions, clock: Clock, units: Units) -> list[HeadLine]:
                 f"{others} other motion{'' if others == 1 else 's'} fit about as well; "
             )
             found.append(HeadLine(f"{text}this one has the weight {row['weight']:.2f}"))
-        if row["motion_model"] == "manoeuvre":
-            text = "the target changed its velocity: no straight motion fits"
-            found.append(layout.warning(text))
+        told = _legs_told(row, units)
         if (motions.contact == row["contact"]).all():  # else they stand on its own page
-            found += [HeadLine(text) for text in reasons_once([row])]
+            told += _nuisances_told(row) + reasons_once([row])
+        found += [HeadLine(text) for text in told]
     return found
 
 
@@ -142,6 +148,42 @@ def _state(row: Row, units: Units) -> str:
         elif row[key] is not None:
             parts.append(f"{before}{value_text(row, key, digits)} {unit}")
     return "   ".join(filter(None, parts))
+
+
+def _legs_told(row: Row, units: Units) -> list[str]:
+    """Return every leg behind an alteration in words."""
+    legs = row["legs"] or []
+    return [
+        f"leg {leg['number']} of {len(legs)} from "
+        f"{value_text(leg, 'alteration_time_s', 0)} s:   {speed_text(leg, units)}"
+        + (
+            f"   course {value_text(leg, 'course_deg', 1)} deg"
+            if leg["course_deg"] is not None
+            else ""
+        )
+        for leg in legs[1:]
+    ]
+
+
+def _nuisances_told(row: Row) -> list[str]:
+    """Return what is not known exactly, with its share of the range's variance."""
+    told = [
+        f"{name.rpartition('_')[0].replace('_', ' ')} ± {one['std']:g} "
+        f"{UNIT_WORDS.get(name.rpartition('_')[2], name.rpartition('_')[2])} "
+        f"({100 * one['share']:.0f} %)"
+        for name, one in (row["nuisances"] or {}).items()
+        if one["std"] is not None and (one["share"] or 0.0) >= LEAST_SHARE
+    ]
+    offsets = [f"{name} {value:+.1f} deg" for name, value in (row["offsets_deg"] or {}).items()
+               if value is not None]  # fmt: skip
+    found = []
+    if told:
+        found.append(
+            f"not known exactly (share of the range's variance): {', '.join(told)}"
+        )
+    if offsets:
+        found.append(f"offsets of the bearings: {', '.join(offsets)}")
+    return found
 
 
 def motion_states(motions: Motions, units: Units) -> list[str]:
@@ -209,17 +251,73 @@ def _draw_mode(motions: Motions, row: int, ray_m: float, ax: Axes) -> None:
     if (motions.contact == motions.contact[row]).sum() > 1:
         name += f", mode {motions.mode[row]} ({100 * motions.weight[row]:.0f} %)"
     style.name_place(ax, start, name, color, (9, 9))
-    duration_s = motions.now_time_s[row] - motions.time_s[row]
-    track = motions.speed_mps[row] * duration_s * compass_unit(motions.course_deg[row])
-    if np.isfinite(track).all():
-        end = start + track
-        ax.plot(*np.stack([start, end], 1), "-", lw=1.3, color=color, alpha=alpha)
-        style.draw_arrow(ax, start + 0.9 * track, end, color, alpha)
-        ax.plot(*end, "s", ms=4, color=color, alpha=alpha)
-        std = [motions.now_range_std_m[row], motions.now_bearing_std_deg[row]]
-        now = float(motions.now_range_m[row]), float(motions.now_bearing_deg[row])
-        spread = place_covariance(*now, np.diag(std) ** 2)
-        style.draw_ellipse(ax, end, spread, color, 0.25 * alpha)
+    if np.isfinite(path := _path(motions, row)).all():
+        _draw_legs(motions, row, path, ax, alpha)
+
+
+def _draw_legs(
+    motions: Motions, row: int, path: FloatArray, ax: Axes, alpha: float
+) -> None:
+    """Draw the legs of a motion, the alterations between them, and their regions."""
+    color = style.contact_color(int(motions.contact[row]))
+    for begin, end in zip(path[:-1:2], path[1::2], strict=True):
+        ax.plot(*np.stack([begin, end], 1), "-", lw=1.3, color=color, alpha=alpha)
+    for end, begin in zip(path[1:-1:2], path[2::2], strict=True):
+        ax.plot(*np.stack([end, begin], 1), "--", lw=1.0, color=color, alpha=alpha)
+        ax.plot(*begin, "o", ms=3, color=color, alpha=alpha)
+    seen = [
+        (leg["range_m"], leg["bearing_deg"], leg["range_std_m"], leg["bearing_std_deg"])
+        for leg in motions.ragged("legs", row)[1:]
+    ]
+    seen.append((
+        motions.now_range_m[row], motions.now_bearing_deg[row],
+        motions.now_range_std_m[row], motions.now_bearing_std_deg[row],
+    ))  # fmt: skip
+    for place, (distance_m, bearing_deg, *std) in zip(
+        [*path[2::2], path[-1]], seen, strict=True
+    ):
+        spread = place_covariance(distance_m, bearing_deg, np.diag(std) ** 2)
+        style.draw_ellipse(ax, place, spread, color, 0.25 * alpha)
+    end = path[-1]
+    style.draw_arrow(ax, end - 0.1 * (end - path[-2]), end, color, alpha)
+    ax.plot(*end, "s", ms=4, color=color, alpha=alpha)
+
+
+def motion_legs(motions: Motions, row: int) -> dict[str, FloatArray]:
+    """Return what is told of the legs of a motion, each by its key, shape (legs,)."""
+    legs = motions.ragged("legs", row)
+    keys = legs[0] if legs else {}
+    return {key: np.array([leg[key] for leg in legs], float) for key in keys}
+
+
+def motion_state(motions: Motions, row: int) -> FloatArray:
+    """Return state (x, y, vx, vy), m and m/s, and alterations of a motion, as fitted."""
+    state = np.concatenate([
+        motions.range_m[row] * compass_unit(motions.bearing_deg[row]),
+        motions.speed_mps[row] * compass_unit(motions.course_deg[row]),
+    ])  # fmt: skip
+    legs = motion_legs(motions, row)
+    if not legs:
+        return state
+    velocity = legs["speed_mps"] * compass_unit(legs["course_deg"]).T
+    duration = np.maximum(legs["start_s"][1:] - legs["end_s"][:-1], 1e-3)
+    middle = legs["alteration_time_s"][1:] - motions.time_s[row]
+    changes = np.stack([*np.diff(velocity, axis=1), middle, np.log(duration)], 1)
+    return np.concatenate([state, changes.ravel()])
+
+
+def _path(motions: Motions, row: int) -> FloatArray:
+    """Return where the legs of a motion begin and end, east and north, (2 legs, 2)."""
+    state, legs = motion_state(motions, row), motion_legs(motions, row)
+    first = float(motions.time_s[row])
+    times = np.array([first, float(motions.now_time_s[row])])
+    if legs:
+        times = np.stack([legs["start_s"], legs["end_s"]], 1).ravel()
+    since = times[np.newaxis] - first
+    path = state[:2, np.newaxis] + state[2:4, np.newaxis] * since
+    for one in Alteration.of(state[np.newaxis], since):
+        path = path + np.concatenate([one.way.real, one.way.imag])
+    return path.T
 
 
 def _measured(scene: Scene) -> list[Measurements]:
@@ -270,10 +368,7 @@ def motion_residuals(
     if not rows.size:
         return None
     row = int(rows[0])
-    state = np.hstack([
-        motions.range_m[row] * compass_unit(motions.bearing_deg[row]),
-        motions.speed_mps[row] * compass_unit(motions.course_deg[row]),
-    ])  # fmt: skip
+    state = motion_state(motions, row)
     try:
         paths, sensor = _paths(scene, data)
     except DataError:
@@ -316,16 +411,36 @@ def _parts(scene: Scene, motions: Motions) -> list[PagePart]:
     for name, unit in (("bearing_deg", "deg"), ("frequency_hz", "Hz")):
         if any(np.isfinite(getattr(found, name)).any() for found in left):
             label = f"{name.partition('_')[0]} residual\n({unit})"
-            parts.append(PagePart(1.5, partial(_draw_residuals, left, name, label)))
+            parts.append(
+                PagePart(
+                    1.5,
+                    partial(
+                        _draw_residuals, left, name, label, _alterations_s(motions)
+                    ),
+                )
+            )
     if _bounded(motions).any():
         parts.append(PagePart(1.7, partial(draw_ranges, motions)))
     return parts
 
 
+def _alterations_s(motions: Motions) -> FloatArray:
+    """Return the middles of all alterations of best modes, s."""
+    legs = [motion_legs(motions, int(row)) for row in np.flatnonzero(motions.mode == 1)]
+    told = [one["alteration_time_s"][1:] for one in legs if one]
+    return np.concatenate([np.empty(0), *told])
+
+
 def _draw_residuals(
-    left: Sequence[PlottedResiduals], name: str, label: str, ax: Axes
+    left: Sequence[PlottedResiduals],
+    name: str,
+    label: str,
+    altered_s: FloatArray,
+    ax: Axes,
 ) -> None:
     style.calm(ax, label).axhline(0.0, color=style.MEASURED, lw=0.8)
+    for time_s in altered_s:
+        ax.axvline(time_s, color=style.MEASURED, lw=0.8, ls="--")
     for found in left:
         size = 3 if found.time_s.size > MANY_POINTS else 6
         ax.plot(found.time_s, getattr(found, name).T, ".", ms=size, alpha=0.6,

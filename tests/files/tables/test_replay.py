@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from tests.draws.sensor_tables import buoys
+from tests.files.synthetic_containers import synthetic
+from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.errors import DataError, UwtrackNote
 from uwtrack_cli.files.tables.replay import (
     read_replay,
@@ -108,3 +110,32 @@ def test_the_samples_of_the_format_read():
     assert series.bearing_deg[optic][:3].tolist() == [80.0, 78.0, 77.0]
     assert np.isfinite(series.mirrored_bearing_deg).any()
     assert read_replay_track(REAL / "uk_track.rep").time_s.size > 390
+
+
+def test_legs_are_solutions_where_they_begin_as_debrief_reads_them():
+    """;TMA_RB: date time ownship symbol bearing range name, orientation and half axes of
+    the ellipse in yards, course, speed, depth, text (Debrief, ImportTMA_RngBrg)."""
+    told = {
+        "start_s": [0.0, 3060.0], "end_s": [3000.0, 6000.0], "range_m": [9144.0, 4572.0],
+        "range_std_m": [914.4, 91.44], "bearing_deg": [45.0, 350.0],
+        "bearing_std_deg": [0.1, 5.0], "speed_mps": [5.14444, 2.57222],
+        "speed_std_mps": [0.1, 0.1], "course_deg": [90.0, 180.0],
+        "course_std_deg": [1.0, 1.0], "alteration_time_s": [np.nan, 3030.0],
+        "alteration_time_std_s": [np.nan, 5.0],
+    }  # fmt: skip
+    motions = synthetic(
+        Motions, 1, contact=[7], mode=[1], time_s=[0.0], reference=["buoy 1"],
+        time_utc_ns=[1_767_225_600_000_000_000], leg_motion=[0, 0], leg_number=[1, 2],
+        **{f"leg_{key}": values for key, values in told.items()},
+    )  # fmt: skip
+    first, second = replay_lines([], [motions], with_tracks=True)
+    assert first == (
+        ';TMA_RB: 20260101 000000.000 "buoy 1" @C 45.00 10000 CONTACT_7 45.0 2448 43 '
+        "90.0 10.00 0 leg 1 of 2"
+    )
+    # the far axis is across the line of sight here
+    assert second == (
+        ';TMA_RB: 20260101 005100.000 "buoy 1" @C 350.00 5000 CONTACT_7 80.0 1068 245 '
+        "180.0 5.00 0 leg 2 of 2"
+    )
+    assert list(replay_lines([], [motions], with_tracks=False)) == []

@@ -367,6 +367,12 @@ MOTION = """
      "misfit": 1995.0, "n_values": 2000,
      "nuisances": {"compass_deg": {"value": 0.0, "std": 1.0, "share": 0.05}},
      "motion_model": "straight", "manoeuvre_time_s": null, "manoeuvre_gain": 2.5,
+     "manoeuvre_probability": 0.25,
+     "legs": [{"number": 1, "start_s": 3.0, "end_s": 5994.0, "range_m": 20010.0,
+               "range_std_m": 99.0, "bearing_deg": 45.0, "bearing_std_deg": 0.08,
+               "speed_mps": 4.11, "speed_std_mps": 0.03, "course_deg": 270.1,
+               "course_std_deg": 0.17, "alteration_time_s": null,
+               "alteration_time_std_s": null}],
      "east_m": 100.0, "north_m": -20.0, "latitude": 35.0, "longitude": 129.0,
      "reference": "b1", "offsets_deg": {"b1": -1.5},
      "probability_of_rows": [1.0, 0.25]}"""
@@ -387,7 +393,8 @@ def test_motion_has_the_documented_keys_and_order():
         nuisance_std=[1.0], nuisance_share=[0.05],
         offset_motion=[0], offset_sensor=["b1"], offset_deg=[-1.5],
         row_contact=[1, 1], row_number=[1, 2], row_time_s=[3.0, 4.0],
-        row_probability=[1.0, 0.25], row_residual_deg=[0.0, 9.0],
+        row_probability=[1.0, 0.25], row_residual_deg=[0.0, 9.0], leg_motion=[0],
+        **{f"leg_{k}": [np.nan if v is None else v] for k, v in documented["legs"][0].items()},
     )  # fmt: skip
     (row,) = json_rows(container)
     assert list(row) == list(documented)

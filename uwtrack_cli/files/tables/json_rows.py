@@ -236,8 +236,8 @@ OBJECTS: dict[str, tuple[Complete, str]] = {
             "speed_high_mps course_low_deg course_high_deg covariance ellipse_trusted now_time_s "
             "now_range_m now_range_std_m now_bearing_deg now_bearing_std_deg now_speed_mps "
             "now_speed_std_mps now_course_deg now_course_std_deg misfit n_values nuisances "
-            "motion_model manoeuvre_time_s manoeuvre_gain east_m north_m latitude longitude reference "
-            "offsets_deg probability_of_rows"
+            "motion_model manoeuvre_time_s manoeuvre_gain manoeuvre_probability legs east_m north_m "
+            "latitude longitude reference offsets_deg probability_of_rows"
         ),
     ),
     "presence": (

@@ -5,7 +5,9 @@ DDD MM SS.SS H course speed depth`` (degrees, knots, metres), or a cut of a sens
 track: ``;SENSOR:`` has bearing and range, ``;SENSOR2:`` bearing, ambiguous bearing,
 frequency and range, ``;SENSOR3:`` bearing, its accuracy, frequency, its accuracy and range;
 date, track, symbol and the sensor's own place (or NULL) stand before, the sensor's name and
-a free text after. What is not known is NULL or NaN. Ranges (yards) are not used: the motion
+a free text after. A leg of a target is a solution, ``;TMA_RB:``, where it begins: bearing, range,
+its name, orientation and half axes of its 95 % ellipse (yards), course, speed, depth and text,
+seen from the track that is named. What is not known is NULL or NaN. Ranges (yards) are not used: the motion
 is estimated without them. Other lines that begin with a semicolon are drawings and
 comments. A DSF file has cuts alone; their places come from the tracks of another file.
 
@@ -30,6 +32,7 @@ from uwtrack_cli.acoustics.geodesy import Origin, to_grid, to_latitude_longitude
 from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Fixes
+from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.options import shown
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.data.series import Series
@@ -49,6 +52,9 @@ CONTACT = re.compile(
 """What `export` writes behind a cut: its contact, and deviations for which its line has no
 place."""
 NOT_KNOWN = {"NULL", "NAN", ""}
+YARD_M = 0.9144
+HALF_95 = 2.448
+"""Half axes of an ellipse of 95 %, in deviations."""
 SLACK_NS = 60 * NANOSECONDS
 """Time by which a cut may lie beyond the track of its ship."""
 
@@ -416,7 +422,7 @@ def _on_track(cut: _Cut, tracks: dict[str, _Track]) -> tuple[float, float]:
 
 
 def replay_lines(
-    series: Sequence[Series], fixes: Sequence[Fixes], *, with_tracks: bool
+    series: Sequence[Series], told: Sequence[Fixes | Motions], *, with_tracks: bool
 ) -> Iterator[str]:
     """Yield the lines of a REP file, or of a DSF file: cuts alone.
 
@@ -438,8 +444,8 @@ def replay_lines(
             yield from _sensor_tracks(one, places)
         yield from _cut_lines(one, places)
     if with_tracks:
-        for fix in fixes:
-            yield from _fix_lines(fix)
+        for each in told:
+            yield from _fix_lines(each) if isinstance(each, Fixes) else _leg_lines(each)
 
 
 def _latitudes(series: Series) -> tuple[FloatArray, FloatArray] | None:
@@ -542,6 +548,35 @@ def _fix_lines(fixes: Fixes) -> Iterator[str]:
             f"{_moment(int(fixes.time_utc_ns[row]))} CONTACT_{fixes.contact[row]} @C "
             f"{_place_words(*place)} {course:.1f} {speed:.2f} 0"
         )
+
+
+def _leg_lines(motions: Motions) -> Iterator[str]:
+    """Yield every leg of the best mode of every contact as a solution."""
+    for row in np.flatnonzero((motions.mode == 1) & (motions.time_utc_ns >= 0)):
+        legs = motions.ragged("legs", int(row))
+        for leg in legs:
+            state = [
+                leg[name]
+                for name in ("range_m", "bearing_deg", "speed_mps", "course_deg")
+            ]
+            if not np.isfinite(state).all():
+                continue
+            since_s = leg["start_s"] - motions.time_s[row]
+            time_ns = int(motions.time_utc_ns[row]) + round(since_s * NANOSECONDS)
+            along = leg["range_std_m"]
+            across = np.radians(leg["bearing_std_deg"]) * leg["range_m"]
+            turned = leg["bearing_deg"] + (0.0 if along >= across else 90.0)
+            axes = sorted((HALF_95 * along / YARD_M, HALF_95 * across / YARD_M))
+            owner = (
+                "sensor" if motions.reference is None else str(motions.reference[row])
+            )
+            yield (
+                f";TMA_RB: {_moment(time_ns)} {_name(owner or 'sensor')} @C "
+                f"{leg['bearing_deg']:.2f} {leg['range_m'] / YARD_M:.0f} "
+                f"CONTACT_{motions.contact[row]} {turned % 180.0:.1f} {axes[1]:.0f} "
+                f"{axes[0]:.0f} {leg['course_deg']:.1f} {leg['speed_mps'] / KNOT_MPS:.2f} 0 "
+                f"leg {leg['number']} of {len(legs)}"
+            )
 
 
 def _epoch(series: Series, row: int) -> int:

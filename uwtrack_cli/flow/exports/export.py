@@ -8,6 +8,7 @@ from warnings import warn
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters, Fixes
+from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.atomic import atomic_target, check_target, write_text
@@ -99,8 +100,8 @@ def _kml(containers: list[Container], name: str) -> str:
 
 
 def _rep(containers: list[Container], name: str) -> str:
-    fixes = [c for c in containers if isinstance(c, Fixes)]
-    return _replay(replay_lines(_series(containers), fixes, with_tracks=True), name)
+    told = [c for c in containers if isinstance(c, Fixes | Motions)]
+    return _replay(replay_lines(_series(containers), told, with_tracks=True), name)
 
 
 def _dsf(containers: list[Container], name: str) -> str:
@@ -142,7 +143,7 @@ FORMATS: dict[Form, Format] = {
     "kml": Format(".kml", PLACED, _kml),
     "raven": Format(".selections.txt", ("lines",), raven_text),
     "netcdf": Format(".nc"),
-    "rep": Format(".rep", ("series", "fixes"), _rep),
+    "rep": Format(".rep", ("series", "fixes", "motions"), _rep),
     "dsf": Format(".dsf", ("series",), _dsf),
 }
 

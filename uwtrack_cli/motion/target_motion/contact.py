@@ -28,9 +28,8 @@ from uwtrack_cli.motion.target_motion.inputs import (
     rounding_std,
     sensor_paths,
 )
-from uwtrack_cli.motion.target_motion.last_leg import find_last_leg
-from uwtrack_cli.motion.target_motion.manoeuvre import Manoeuvre, find_manoeuvre
-from uwtrack_cli.motion.target_motion.model import to_motion
+from uwtrack_cli.motion.target_motion.legs import Legs, find_legs
+from uwtrack_cli.motion.target_motion.model import STRAIGHT, to_motion
 from uwtrack_cli.motion.target_motion.modes import (
     ModeAnswer,
     Modes,
@@ -39,7 +38,12 @@ from uwtrack_cli.motion.target_motion.modes import (
     find_modes,
 )
 from uwtrack_cli.motion.target_motion.near_rows import near_rows
-from uwtrack_cli.motion.target_motion.objective import residuals
+from uwtrack_cli.motion.target_motion.objective import (
+    STUDENT,
+    loss_value,
+    misfit,
+    residuals,
+)
 from uwtrack_cli.motion.target_motion.observability import (
     assess,
     information,
@@ -77,10 +81,8 @@ class ContactAnswer:
     """Number of measured values."""
     manoeuvring: bool
     """Whether own ship leaves a straight and steady track."""
-    target_manoeuvre: Manoeuvre
-    """The change of the target's velocity that gains most."""
-    last_leg: ModeAnswer | None
-    """The motion behind a certain change; None without one, or where it is not told."""
+    legs: Legs
+    """The legs of the target."""
     update_rows: IntArray
     """Last row of every estimate over time, shape (updates,)."""
     update_motion: FloatArray
@@ -149,14 +151,22 @@ def _answers(
     data: Measurements, problem: Problem, limits: SearchBounds, options: TmaOptions
 ) -> list[ContactAnswer]:
     """Solve one contact, or every source that its rows hold."""
+    solved = _solve(data, problem, limits, options)
     sources = None
     if options.misfit.loss == "auto" and options.is_table:
-        sources = _sources(problem, limits, data, options)
+        sources = _sources(solved.legs, limits, data, options)
     if sources is None:
-        return [_answer(data, problem, limits, options)]
+        solved = _with_outliers(data, solved, limits, options)
+        return [_answer(data, solved, options)]
     found = [
         replace(
-            _answer(data, source.problem, limits, options),
+            _answer(
+                data,
+                _with_outliers(
+                    data, _solve(data, source.problem, limits, options), limits, options
+                ),
+                options,
+            ),
             probability=source.probability,
             mixture=source.mixture,
             n_sources=len(sources),
@@ -176,60 +186,145 @@ def _area_m2(answer: ContactAnswer) -> float:
     return float(np.pi * np.exp(2.0 * mode.q[0]) * np.sqrt(max(spread, 0.0)))
 
 
-def _answer(
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """The motion of one contact, as it was found."""
+
+    ends: IntArray
+    """Rows of every estimate over time, shape (updates,)."""
+    estimates: FloatArray
+    """These, in solver coordinates, shape (updates, 4)."""
+    legs: Legs
+    """The motions with the legs that the record asks for."""
+
+
+def _solve(
     data: Measurements, problem: Problem, limits: SearchBounds, options: TmaOptions
-) -> ContactAnswer:
-    """Solve one problem and say what each of its modes tells."""
+) -> _Solved:
+    """Find the motions of one problem, and their legs."""
     ends = _growing(problem.n_rows, options.updates)
     estimates = SOLVERS[options.solver](problem, limits, ends, options.seed)
-    modes = _modes(problem, limits, estimates[-1], options)
+    straight = _minima(problem, limits, estimates[-1])
     if data.platforms is not None and not problem.n_lines:
-        near = near_rows(problem, modes.q[0])
+        near = near_rows(problem, _by_weight(problem, straight, options).q[0])
         if near.any():
-            return _answer(data, without_rows(problem, near), limits, options)
+            return _solve(data, without_rows(problem, near), limits, options)
+    legs = find_legs(problem, straight, limits, options.nuisances, data.overlap_rows)
+    return _Solved(ends, estimates, legs)
+
+
+def _answer(data: Measurements, solved: _Solved, options: TmaOptions) -> ContactAnswer:
+    """Say what each of the modes of a solved problem tells."""
+    legs, problem = solved.legs, solved.legs.problem
+    modes = _by_weight(*legs.weighed(), options)
+    # the misfit itself is that of the measurements as they were stated
+    modes = replace(modes, value=misfit(problem, modes.q).value)
     scale = misfit_scale(problem, modes.q[0])
     answers = [
-        describe_mode(problem, limits, modes, index, options, scale=scale)
+        describe_mode(
+            problem, legs.limits, modes, index, options, scale=scale,
+            inflation=legs.inflation,
+        )
         for index in range(len(modes.q))
-    ]
+    ]  # fmt: skip
+    # estimates over time are of a straight motion: those of the first leg
+    straight = problem.row_time_s[solved.ends - 1] <= answers[0].legs[0].end_s
+    ends, estimates = solved.ends[straight], solved.estimates[straight]
     deviations = [
         _deviations(problem.rows(slice(0, int(end))), q)
         for end, q in zip(ends, estimates, strict=True)
     ]
-    change = find_manoeuvre(problem, modes.q[0], options.nuisances, data.overlap_rows)
-    last = None
-    if change.is_certain:
-        last = find_last_leg(problem, modes.q[0], limits, change, options)
     return ContactAnswer(
         data=data,
         modes=answers,
         n_values=problem.n_values,
         manoeuvring=data.platforms is not None or is_manoeuvring(problem.track),
-        target_manoeuvre=change,
-        last_leg=last,
+        legs=legs,
         update_rows=ends - 1,
         update_motion=to_motion(estimates),
-        update_std=np.stack(deviations),
+        update_std=np.reshape(deviations, (-1, STRAIGHT)),
         problem=problem,
     )
 
 
 LARGE_MISFIT = 5.0
 """Deviations by which the misfit must exceed what is expected before bearings of
-others are sought among measurements of stated deviations."""
+others, or outliers, are sought among measurements of stated deviations."""
+
+
+def _miss(legs: Legs) -> tuple[bool, bool]:
+    """Return whether bearings, and frequencies, miss by more than their deviations."""
+    problem = legs.problem
+    r = residuals(problem, legs.fit.q[:1])
+    found = []
+    for z, weight in (
+        (r.bearing, problem.bearing_weight), (r.frequency, problem.frequency_weight),
+    ):  # fmt: skip
+        freedom = max(np.count_nonzero(weight) - legs.fit.q.shape[1], 1)
+        excess = float(loss_value(z, problem.loss).sum()) / freedom - 1.0
+        found.append(bool(excess > LARGE_MISFIT * np.sqrt(2.0 / freedom)))
+    return found[0], found[1]
+
+
+def _with_outliers(
+    data: Measurements, solved: _Solved, limits: SearchBounds, options: TmaOptions
+) -> _Solved:
+    """Solve again with a loss that outliers do not pull, where they are likelier.
+
+    Beside outliers, deviations that are all too small explain a large misfit.
+    """
+    problem = solved.legs.problem
+    if (
+        options.misfit.loss != "auto"
+        or problem.loss != "squares"
+        or not options.is_table
+        or not any(_miss(solved.legs))
+    ):
+        return solved
+    robust = _solve(data, replace(problem, loss="student"), limits, options)
+    return min(solved, robust, key=lambda one: _surprise(one.legs))
+
+
+def _surprise(legs: Legs) -> float:
+    """Return twice the negative log likelihood, with the price of the unknowns.
+
+    The variance of bearings, and that of frequencies, may be larger than was stated
+    where errors are normal; outliers are those of Student's t with four degrees of
+    freedom. The price is that of Schwarz (1978), Ann. Stat. 6, 461.
+    """
+    problem = legs.problem
+    r = residuals(problem, legs.fit.q[:1])
+    total = legs.fit.q.shape[1] * np.log(problem.n_values)
+    for z, weight in (
+        (r.bearing[0], problem.bearing_weight),
+        (r.frequency[0], problem.frequency_weight),
+    ):
+        measured = z[weight > 0]
+        if not measured.size:
+            continue
+        if problem.loss == "squares":
+            variance = max(float(np.mean(measured**2)), 1.0)
+            total += measured.size * (np.log(variance) + NORMAL_CONSTANT)
+            total += float((measured**2).sum()) / variance
+        else:
+            tails = (STUDENT + 1.0) * np.log1p(measured**2 / STUDENT)
+            total += float(tails.sum()) + measured.size * STUDENT_CONSTANT
+    return float(total)
+
+
+NORMAL_CONSTANT = float(np.log(2.0 * np.pi))
+STUDENT_CONSTANT = float(2.0 * np.log(8.0 / 3.0))
+"""Twice the negative logarithm of the densities at zero: 3/8 for Student's t with four
+degrees of freedom."""
 
 
 def _sources(
-    problem: Problem, limits: SearchBounds, data: Measurements, options: TmaOptions
+    legs: Legs, limits: SearchBounds, data: Measurements, options: TmaOptions
 ) -> list[BearingSource] | None:
     """Take the rows apart into sources where the misfit asks for it."""
-    is_told = _is_told(data, options)
-    if is_told:
-        fit = minima_of(problem, limits)
-        freedom = max(problem.n_values - 4 - problem.n_lines, 1)
-        excess = float(fit.value[0]) / freedom - 1.0
-        if excess < LARGE_MISFIT * np.sqrt(2.0 / freedom):
-            return None
+    problem, is_told = legs.problem, _is_told(data, options)
+    if is_told and not _miss(legs)[0]:
+        return None
     found = associate(replace(problem, loss="squares"), limits, is_told=is_told)
     if found is None:
         return None
@@ -352,6 +447,7 @@ def build_problem(data: Measurements, options: TmaOptions) -> Problem:
         frequency_share=share,
         height_m=options.height_m,
         sensor=None if platforms is None else platforms.sensor,
+        prior=options.prior,
     )
 
 
@@ -484,12 +580,10 @@ def _allow_for_overlap(problem: Problem, limits: SearchBounds, lags: int) -> Pro
     )
 
 
-def _modes(
-    problem: Problem, limits: SearchBounds, solution: FloatArray, options: TmaOptions
-) -> Modes:
-    """List the solver's answer and every other motion within the region."""
-    from scipy.special import chdtri
-
+def _minima(
+    problem: Problem, limits: SearchBounds, solution: FloatArray
+) -> DescentResult:
+    """Return the solver's answer and the other straight motions, best first."""
     fit = minima_of(problem, limits)
     own = minimise(problem, solution[np.newaxis], limits, iterations=0)
     merged = DescentResult.join([own, fit])
@@ -497,23 +591,28 @@ def _modes(
     # the solver's own answer is the best mode unless it missed the minimum
     if own.value[0] - merged.value[order[0]] < 1e-3:
         order = np.concatenate([[0], order[order != 0]])
-    merged = merged.take(order)
-    freedom = 4 + problem.n_lines
+    return merged.take(order)
+
+
+def _by_weight(problem: Problem, fit: DescentResult, options: TmaOptions) -> Modes:
+    """List the best motion and every other one within the region."""
+    from scipy.special import chdtri
+
+    best = fit.q[0]
+    freedom = best.size + problem.n_lines
     threshold = float(chdtri(freedom, 1.0 - options.search.confidence))
-    found = information(problem, merged.q[0])
+    found = information(problem, best)
     modes = find_modes(
         problem,
-        merged,
-        threshold * misfit_scale(problem, merged.q[0]),
+        fit,
+        threshold * misfit_scale(problem, best),
         singular=found.rank < len(found.bread),
     )
     if problem.sensor is None:
         return modes
     # a way through the very place of a sensor fits well and is improbable
     order = np.argsort(-modes.weight, kind="stable")
-    return Modes(
-        modes.q[order], modes.rest_hz[order], modes.value[order], modes.weight[order]
-    )
+    return modes.take(order)
 
 
 def _deviations(problem: Problem, q: FloatArray) -> FloatArray:

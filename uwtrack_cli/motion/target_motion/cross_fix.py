@@ -25,7 +25,7 @@ from uwtrack_cli.estimation.constant_velocity import carried_on
 from uwtrack_cli.motion.fix_table import FixRows, fix_rows, fix_table
 from uwtrack_cli.motion.target_motion.contact import ContactAnswer
 from uwtrack_cli.motion.target_motion.inputs import Platforms
-from uwtrack_cli.motion.target_motion.model import state_jacobian, to_state
+from uwtrack_cli.motion.target_motion.model import state_at, state_jacobian
 from uwtrack_cli.motion.target_motion.modes import ModeAnswer
 from uwtrack_cli.motion.target_motion.objective import misfit
 from uwtrack_cli.motion.target_motion.place_readings import (
@@ -46,13 +46,17 @@ def first_place(platforms: Platforms) -> FloatArray:
     return np.array([platforms.east_m[0], platforms.north_m[0]])
 
 
-def grid_state(mode: ModeAnswer, platforms: Platforms) -> tuple[FloatArray, FloatArray]:
-    """Return the state (east, north, their rates) at the first row, and covariance."""
-    jacobian = state_jacobian(mode.q[np.newaxis])[0]
-    covariance = jacobian @ mode.solver_covariance[:4, :4] @ jacobian.T
-    state = to_state(mode.q)
+def grid_state(
+    mode: ModeAnswer, platforms: Platforms, since_s: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Return the state (east, north, their rates) some time after the first row.
+
+    And its covariance.
+    """
+    state, partials = state_at(mode.q, since_s)
+    known = mode.solver_covariance[: mode.q.size, : mode.q.size]
     state[:2] += first_place(platforms)
-    return state, covariance
+    return state, partials @ known @ partials.T
 
 
 def fixes_of_answers(
@@ -136,6 +140,17 @@ def _at_times(
     if platforms is None:
         msg = "fixes are of sensors whose places are known"
         raise TypeError(msg)
+    lags = times - answer.data.time_s[0]
+    if len(mode.legs) > 1:
+        pairs = [grid_state(mode, platforms, float(lag)) for lag in lags]
+        states, covariances = (np.array(values) for values in zip(*pairs, strict=True))
+        return fix_rows(
+            states, covariances, times, contact=answer.data.contact, mode=number,
+            weight=mode.weight, sensors=",".join(platforms.name),
+            motion_model=NO_READING.name, motion_model_probability=NO_READING.weight,
+            alternative_motion_model=NO_READING.rival,
+            alternative_motion_model_probability=NO_READING.rival_weight,
+        )  # fmt: skip
     state, covariance = grid_state(mode, platforms)
     if not mode.observability.observable[2:4].all():  # a place, and no velocity
         covariance[2:, :] = covariance[:, 2:] = 0.0
@@ -146,7 +161,7 @@ def _at_times(
         return None
     state, covariance, reading = sampled
     rows = fix_rows(
-        *carried_on(state, covariance, times - answer.data.time_s[0]),
+        *carried_on(state, covariance, lags),
         times,
         contact=answer.data.contact,
         mode=number,

@@ -87,7 +87,7 @@ def error_budget(
     """Add nuisances and coloured noise to the covariance of a motion."""
     r = residuals(problem, q[np.newaxis])
     chain = np.eye(len(found.bread))
-    chain[:4, :4] = state_jacobian(q[np.newaxis])[0]
+    chain[: q.size, : q.size] = state_jacobian(q[np.newaxis])[0]
     rows = design_rows(problem, r) @ chain
     meat = found.meat
     if with_coloured_noise:

@@ -6,6 +6,7 @@ those of measurements that overlap are raised by the correlation of the residual
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from warnings import warn
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, UwtrackNote
 from uwtrack_cli.estimation.robust import FEWEST_VALUES, white_scatter
 from uwtrack_cli.motion.target_motion.own_ship import OwnPath
 
@@ -94,8 +95,12 @@ def measurements_from_series(series: Series) -> list[Measurements]:
     found = []
     for contact in np.unique(series.contact):
         rows = np.flatnonzero(series.contact == contact)
-        if series.sensor is not None:  # rows of several sensors share one clock
-            rows = rows[np.argsort(series.time_s[rows], kind="stable")]
+        order = np.argsort(series.time_s[rows], kind="stable")
+        # rows of several sensors share one clock, and follow each other as they like
+        if series.sensor is None and np.any(np.diff(order) < 0):
+            msg = f"the rows of contact {contact} were not in order of time: sorted."
+            warn(msg, UwtrackNote, stacklevel=4)
+        rows = rows[order]
         heard = ~np.isnan(series.bearing_deg[rows])
         tone = ~np.isnan(series.frequency_hz[rows])
         lines = np.flatnonzero(tone.any(0))
@@ -262,8 +267,7 @@ def check_measurements(data: Measurements) -> None:
         row = int(np.flatnonzero(is_behind)[0])
         at = data.begin_of(np.arange(data.time_s.size) == row + 1)
         msg = (
-            f"{at}the times of {who} do not increase: {data.time_s[row]:g} s is followed "
-            f"by {data.time_s[row + 1]:g} s. Sort the rows by time, and give each "
+            f"{at}{who} has more than one row at {data.time_s[row]:g} s: give each "
             f"contact its own number in a column 'contact'."
         )
         raise DataError(msg)

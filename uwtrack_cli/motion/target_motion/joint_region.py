@@ -8,6 +8,8 @@ coordinates (importance sampling); the share of the weight within the ellipse is
 holds. Where few draws carry all the weight, the likelihood lies elsewhere, and the
 ellipse says nothing.
 
+Of several legs all unknowns are drawn, and the share is that within the ellipse of the four.
+
 **Conventions.** White noise on both sides: what nuisances add is normal and widens both.
 
 **References.** Gelman et al. (2013), Bayesian Data Analysis, section 10.4 (importance
@@ -18,7 +20,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.motion.target_motion.model import from_motion, to_motion
+from uwtrack_cli.motion.target_motion.model import STRAIGHT, from_motion, to_motion
 from uwtrack_cli.motion.target_motion.objective import misfit
 from uwtrack_cli.motion.target_motion.problem import Problem
 
@@ -26,8 +28,8 @@ N_DRAWS = 200
 """Motions that are drawn."""
 
 WIDER = 1.5
-"""Deviations of the drawn motions over those of the ellipse: the best one for four
-unknowns still keeps half of the draws effective."""
+"""Deviations of the drawn motions over those of the ellipse, of four unknowns: half of the
+draws are effective still. Of more unknowns it is less, so that as many are."""
 
 QUANTILE = 9.488
 """Chi-square of four degrees of freedom that 95 % stay below."""
@@ -44,24 +46,27 @@ def ellipse_holds(
 ) -> bool:
     """Return whether the joint ellipse of 95 % holds what it should.
 
-    The covariance is that of range (m), bearing (rad), speed (m/s) and course (rad) by
-    white noise, shape (4, 4); ``scale`` that of likelihood ratios under the loss.
+    The covariance is that of range (m), bearing (rad), speed (m/s), course (rad) and the
+    alterations by white noise, shape (p, p); ``scale`` that of likelihood ratios under the
+    loss.
     """
     centre = to_motion(q)
+    wider = float(np.sqrt(1.0 + (WIDER**2 - 1.0) * STRAIGHT / q.size))
     std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     if not (np.isfinite(covariance).all() and std.all()):
         return False
     values, vectors = np.linalg.eigh(covariance / np.outer(std, std))
     if values[0] <= 0.0:
         return False
-    unit = np.random.default_rng(0).standard_normal((N_DRAWS, 4))
-    motion = centre + std * (WIDER * (unit * np.sqrt(values)) @ vectors.T)
+    unit = np.random.default_rng(0).standard_normal((N_DRAWS, q.size))
+    motion = centre + std * (wider * (unit * np.sqrt(values)) @ vectors.T)
     usable = (motion[:, 0] > 0.0) & (motion[:, 2] > 0.0)
     usable &= np.abs(motion[:, 3] - centre[3]) < np.pi
     if np.count_nonzero(usable) < FEWEST_EFFECTIVE:
         return False
     unit, motion = unit[usable], motion[usable]
-    trial = from_motion(*motion.T)
+    first = from_motion(*motion[:, :STRAIGHT].T)
+    trial = np.concatenate([first, motion[:, STRAIGHT:]], axis=1)
     trial[:, 1] = q[1] + wrap_rad(trial[:, 1] - q[1])
     rise = (misfit(problem, trial).value - misfit(problem, q[np.newaxis]).value) / scale
     square = (unit**2).sum(axis=1)
@@ -71,5 +76,7 @@ def ellipse_holds(
     weight = np.exp(logarithm - logarithm.max())
     if weight.sum() ** 2 < FEWEST_EFFECTIVE * (weight**2).sum():
         return False
-    within = WIDER**2 * square < QUANTILE
+    off = motion[:, :STRAIGHT] - centre[:STRAIGHT]
+    inverse = np.linalg.inv(covariance[:STRAIGHT, :STRAIGHT])
+    within = np.einsum("np,pq,nq->n", off, inverse, off) < QUANTILE
     return bool(weight[within].sum() > LEAST_CONTENT * weight.sum())

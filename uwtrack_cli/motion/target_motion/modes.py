@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.options import Misfit, MotionModel, Search
@@ -28,11 +29,20 @@ from uwtrack_cli.motion.target_motion.error_budget import (
     error_budget,
 )
 from uwtrack_cli.motion.target_motion.joint_region import ellipse_holds
+from uwtrack_cli.motion.target_motion.legs import (
+    NOTHING,
+    Alterations,
+    seek_alteration,
+)
 from uwtrack_cli.motion.target_motion.model import (
+    PER_ALTERATION,
+    STRAIGHT,
+    from_state,
+    motion_jacobian,
+    state_at,
     state_jacobian,
     to_motion,
     to_polar,
-    to_state,
 )
 from uwtrack_cli.motion.target_motion.objective import Residuals, misfit, residuals
 from uwtrack_cli.motion.target_motion.observability import (
@@ -40,7 +50,7 @@ from uwtrack_cli.motion.target_motion.observability import (
     assess,
     information,
 )
-from uwtrack_cli.motion.target_motion.problem import Problem
+from uwtrack_cli.motion.target_motion.problem import MotionPrior, Problem
 from uwtrack_cli.motion.target_motion.solvers.marquardt import (
     DescentResult,
     SearchBounds,
@@ -50,6 +60,11 @@ from uwtrack_cli.motion.target_motion.solvers.solvers import SolverName
 
 STEPS = 12
 """Points of the profile on each side."""
+
+
+LOOSE = 1e-5
+"""Relative decrease of the misfit at which a profile of several legs has arrived: a
+hundredth of the rise that ends an interval."""
 
 
 @dataclass(frozen=True)
@@ -134,6 +149,10 @@ class _Profile:
             polar=self.polar, iterations=iterations, tolerance=tolerance,
         )  # fmt: skip
 
+    def _tolerance(self, usual: float) -> float:
+        """Return that of a descent; an instant between rows has a misfit with kinks."""
+        return usual if self.bounds.lower.size == STRAIGHT else LOOSE
+
     def side(self, centre: FloatArray, deviation: float) -> tuple[float, bool]:
         """Follow the profile to one side: the crossing, and whether it was cut."""
         place = float(centre[self.coordinate])
@@ -147,7 +166,7 @@ class _Profile:
             value = done + (reach - done) * np.linspace(0.0, 1.0, STEPS + 1)
             trials = np.repeat(start[np.newaxis], value.size, axis=0)
             trials[:, self.coordinate] = place + value
-            fit = self._fit(trials, iterations=25, tolerance=1e-7)
+            fit = self._fit(trials, iterations=25, tolerance=self._tolerance(1e-7))
             if done == 0.0:
                 base = float(fit.value[0])
             excess, arrived = fit.value - base, fit.q.copy()
@@ -170,7 +189,7 @@ class _Profile:
             here = int(over[0])
             trial = arrived[here - 1 : here].copy()
             trial[:, self.coordinate] = place[here]
-            fit = self._fit(trial, iterations=100, tolerance=1e-9)
+            fit = self._fit(trial, iterations=100, tolerance=self._tolerance(1e-9))
             if fit.value[0] - base < excess[here]:
                 excess[here], arrived[here] = float(fit.value[0]) - base, fit.q[0]
             if excess[here] > self.rise:
@@ -192,17 +211,19 @@ BARRIER = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Modes:
+class Modes(Rows):
     """Distinct motions, best first, with weights that sum to one."""
 
     q: FloatArray
-    """Motions in solver coordinates, shape (modes, 4)."""
+    """Motions in solver coordinates, shape (modes, p)."""
     rest_hz: FloatArray
     """Rest frequencies, Hz, shape (modes, lines)."""
     value: FloatArray
     """Misfit, shape (modes,)."""
     weight: FloatArray
     """Probabilities that sum to one, shape (modes,)."""
+    between: FloatArray
+    """Covariance between the minima that are one mode, shape (modes, p, p)."""
 
 
 def find_modes(
@@ -211,20 +232,59 @@ def find_modes(
     """Pick the distinct minima, best first, within a threshold over the best.
 
     ``singular``: a whole line of motions fits alike, and one of them stands for all on
-    its side of the array.
+    its side of the array. Minima that differ in little but the instant of an alteration
+    are one mode, which is as wide as they lie apart.
     """
-    kept = [0]
+    kept, owner = [0], {0: 0}
     for index in range(1, len(fit.q)):
         if fit.value[index] - fit.value[0] > threshold:
             break
         apart = _other_side if singular else _apart
-        if all(apart(problem, fit, index, other) for other in kept):
+        if not all(apart(problem, fit, index, other) for other in kept):
+            continue
+        alike = [other for other in owner if _alike(problem, fit, index, other)]
+        owner[index] = owner[alike[0]] if alike else index
+        if not alike:
             kept.append(index)
+    minima = list(owner)
+    log_weight = -0.5 * fit.value[minima] + 0.5 * _log_volume(
+        fit.matrix[minima], float(np.ptp(problem.row_time_s))
+    )
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    total, between = np.zeros(len(kept)), np.zeros((len(kept), *fit.matrix.shape[1:]))
+    for index, share in zip(minima, weight, strict=True):
+        place = kept.index(owner[index])
+        total[place] += share
+        off = fit.q[index] - fit.q[owner[index]]
+        off[1] = wrap_rad(off[1])
+        between[place] += share * np.outer(off, off)
     q = fit.q[kept].copy()
     q[:, 1] = np.mod(q[:, 1], 2.0 * np.pi)
-    log_weight = -0.5 * fit.value[kept] + 0.5 * _log_volume(fit.matrix[kept])
-    weight = np.exp(log_weight - log_weight.max())
-    return Modes(q, fit.rest_hz[kept], fit.value[kept], weight / weight.sum())
+    between /= np.maximum(total, 1e-300)[:, np.newaxis, np.newaxis]
+    return Modes(q, fit.rest_hz[kept], fit.value[kept], total, between)
+
+
+ALIKE = 25.0
+"""Squared distance, in deviations, of first legs that are one mode."""
+
+
+def _alike(problem: Problem, fit: DescentResult, a: int, b: int) -> bool:
+    """Return whether two minima with alterations have the same first and last leg."""
+    if fit.q.shape[1] == STRAIGHT:
+        return False
+    spread = np.linalg.pinv(fit.matrix[[a, b]], hermitian=True).sum(axis=0)
+    first = fit.q[a, :STRAIGHT] - fit.q[b, :STRAIGHT]
+    first[1] = wrap_rad(first[1])
+    end_s = float(problem.row_time_s[-1])
+    (last, _), (other, rows) = (state_at(fit.q[index], end_s) for index in (a, b))
+    return all(
+        off @ np.linalg.pinv(own, hermitian=True) @ off < ALIKE
+        for off, own in (
+            (first, spread[:STRAIGHT, :STRAIGHT]),
+            (last - other, rows @ spread @ rows.T),
+        )
+    )
 
 
 def _apart(problem: Problem, fit: DescentResult, a: int, b: int) -> bool:
@@ -250,9 +310,14 @@ def _other_side(problem: Problem, fit: DescentResult, a: int, b: int) -> bool:
     return bool(off[0] * off[1] < 0)
 
 
-def _log_volume(matrix: FloatArray) -> FloatArray:
-    """Half-log volumes up to a constant; flat directions are cut at the bounds."""
-    values = np.linalg.eigvalsh(matrix)
+def _log_volume(matrix: FloatArray, span_s: float) -> FloatArray:
+    """Half-log volumes up to a constant; flat directions are cut at the bounds.
+
+    Instants count in lengths of the record.
+    """
+    unit = np.ones(matrix.shape[-1])
+    unit[STRAIGHT + 2 :: PER_ALTERATION] = max(span_s, 1e-9)
+    values = np.linalg.eigvalsh(matrix * np.outer(unit, unit))
     # a direction flatter than this would reach beyond any search box
     return np.asarray(-np.log(np.maximum(values, 1e-2)).sum(-1))
 
@@ -287,6 +352,8 @@ class TmaOptions:
     """Deviations of the measurements and loss of residuals."""
     model: MotionModel = field(default_factory=MotionModel)
     """Model of Doppler and propagation."""
+    prior: MotionPrior = field(default_factory=MotionPrior)
+    """What is expected of the motion before the fit."""
     search: Search = field(default_factory=Search)
     """Limits of the search and of the modes."""
     compass_std_deg: float | None = None
@@ -299,7 +366,7 @@ class ModeAnswer:
     """What is known of one mode."""
 
     q: FloatArray
-    """Motion in solver coordinates, shape (4,)."""
+    """Motion in solver coordinates, shape (p,)."""
     rest_hz: FloatArray
     """Rest frequencies, Hz, shape (lines,)."""
     value: float
@@ -309,11 +376,14 @@ class ModeAnswer:
     covariance: FloatArray
     """Of range, bearing, speed, course (SI) and rest frequencies, shape (p, p)."""
     solver_covariance: FloatArray
-    """Of the solver coordinates and rest frequencies, shape (p, p)."""
+    """Of the solver coordinates and rest frequencies, shape (p, p), without alterations
+    that the evidence does not ask for."""
     now: FloatArray
-    """Range (m) and bearing (rad) at the last measurement, shape (2,)."""
+    """Range, bearing, speed and course (SI) at the last measurement, shape (4,)."""
     now_std: FloatArray
     """Their deviations."""
+    legs: tuple["Leg", ...]
+    """Its legs, in order of time."""
     observability: Observability
     """Rank, condition and weakest direction."""
     ellipse_holds: bool
@@ -343,23 +413,34 @@ def describe_mode(
     options: TmaOptions,
     *,
     scale: float,
+    inflation: FloatArray | None = None,
 ) -> ModeAnswer:
     """Work out what one of the modes says of the target.
 
-    ``scale`` is that of likelihood ratios under the loss, 1 for least squares.
+    ``scale`` is that of likelihood ratios under the loss, 1 for least squares;
+    ``inflation`` that of sums by noise with a memory, as `find_legs` gives it.
     """
     from scipy.special import chdtri
 
     q = modes.q[index]
+    end_s = float(problem.row_time_s[-1])
+    more = seek_alteration(problem, q, options.nuisances, inflation)
+    moved = more.spread(q, problem.n_lines)
     found = information(problem, q)
     budget = error_budget(
         problem, q, found, options.nuisances, with_coloured_noise=options.is_table
     )
-    inner = budget.covariance
+    inner = budget.covariance.copy()
+    inner[: q.size, : q.size] += modes.between[index]
     covariance = found.turn @ inner @ found.turn.T
+    back = np.eye(len(inner))
+    back[: q.size, : q.size] = np.linalg.inv(state_jacobian(q[np.newaxis])[0])
+    outward = found.turn @ back
+    covariance = covariance + outward @ moved @ outward.T
     white = found.covariance()
     r = residuals(problem, q[np.newaxis])
-    now, now_std = last_position(problem, q, inner)
+    own_covariance = inner[: q.size, : q.size]
+    now, now_std = seen_at(problem, q, own_covariance, end_s, more)
     rise = scale * float(chdtri(1, 1.0 - options.search.confidence))
     return ModeAnswer(
         q=q,
@@ -370,8 +451,9 @@ def describe_mode(
         solver_covariance=inner,
         now=now,
         now_std=now_std,
+        legs=legs_of(problem, q, own_covariance, more),
         observability=assess(found, to_motion(q)),
-        ellipse_holds=ellipse_holds(problem, q, white[:4, :4], scale),
+        ellipse_holds=ellipse_holds(problem, q, white[: q.size, : q.size], scale),
         intervals=_intervals(problem, q, (white, covariance), limits, rise),
         range_per_sound_speed=_sound_speed_effect(problem, q, limits),
         at_limit_m=_limit_met(q, limits),
@@ -401,32 +483,70 @@ def _limit_met(q: FloatArray, limits: SearchBounds) -> float | None:
     return None
 
 
-def last_position(
-    problem: Problem, q: FloatArray, covariance: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return range (m) and bearing (rad) at the last measurement, with deviations.
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """One leg of a target, seen from own ship where it begins."""
 
-    The covariance is that of the solver coordinates, shape (4 or more, same).
+    begin_s: float
+    """When it begins, s from the first measurement."""
+    end_s: float
+    """When it ends, s from the first measurement."""
+    state: FloatArray
+    """Range, bearing, speed and course (SI) where it begins, shape (4,)."""
+    std: FloatArray
+    """Their deviations, shape (4,)."""
+    altered_s: float
+    """Middle of the alteration before it, s from the first measurement; nan for the
+    first leg."""
+    altered_std_s: float
+    """Its deviation, s."""
+
+
+def legs_of(
+    problem: Problem, q: FloatArray, covariance: FloatArray, more: Alterations
+) -> tuple[Leg, ...]:
+    """Return the legs of a motion; the covariance is of its solver coordinates."""
+    end_s = float(problem.row_time_s[-1])
+    found, begin, altered = [], 0.0, (np.nan, np.nan)
+    for first in range(STRAIGHT, q.size + 1, PER_ALTERATION):
+        if first < q.size:
+            middle, half = float(q[first + 2]), 0.5 * float(np.exp(q[first + 3]))
+            end = max(middle - half, begin)
+        else:
+            end = end_s
+        # a moment after the alteration, whose partials end there
+        state, std = seen_at(problem, q, covariance, begin + 1e-6, more)
+        found.append(Leg(begin, end, state, std, *altered))
+        if first < q.size:
+            begin = min(middle + half, end_s)
+            variance = max(float(covariance[first + 2, first + 2]), 0.0)
+            altered = middle, float(np.sqrt(variance))
+    return tuple(found)
+
+
+def seen_at(
+    problem: Problem,
+    q: FloatArray,
+    covariance: FloatArray,
+    time_s: float,
+    more: Alterations = NOTHING,
+) -> tuple[FloatArray, FloatArray]:
+    """Return range, bearing, speed and course (SI) at a time, s, with deviations.
+
+    They count from the sensor of the first row. The covariance is that of the solver
+    coordinates, shape (p, p); what an alteration that may be moves is added.
     """
-    track = problem.track
-    time = track.time_s[track.now[-1]]
-    # from the sensor that the first range and bearing count from
-    sensor = problem.sensor
-    own = -1 if sensor is None else np.flatnonzero(sensor == sensor[0])[-1]
-    node = track.now[own]
-    state = to_state(q)
-    east = state[0] + state[2] * time - track.east_m[node]
-    north = state[1] + state[3] * time - track.north_m[node]
-    distance = np.hypot(east, north)
-    sight = np.array([
-        [east, north, time * east, time * north],
-        [north / distance, -east / distance, time * north / distance,
-         -time * east / distance],
-    ]) / distance  # fmt: skip
-    jacobian = sight @ state_jacobian(q[np.newaxis])[0]
-    variance = np.diagonal(jacobian @ covariance[:4, :4] @ jacobian.T)
-    bearing = np.mod(np.arctan2(east, north), 2.0 * np.pi)
-    return np.array([distance, bearing]), np.sqrt(np.maximum(variance, 0.0))
+    track, sensor = problem.track, problem.sensor
+    node = track.now if sensor is None else track.now[sensor == sensor[0]]
+    state, partials = state_at(q, time_s)
+    for place, own in enumerate((track.east_m, track.north_m)):
+        state[place] -= np.interp(time_s, track.time_s[node], own[node])
+    spread = partials @ covariance @ partials.T + more.spread_at(q, time_s)
+    local = from_state(state)
+    inward = np.linalg.inv(state_jacobian(local[np.newaxis])[0])
+    outward = motion_jacobian(local[np.newaxis])[0] @ inward
+    variance = np.diagonal(outward @ spread @ outward.T)
+    return to_motion(local), np.sqrt(np.maximum(variance, 0.0))
 
 
 def _intervals(

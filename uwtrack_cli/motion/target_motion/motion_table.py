@@ -12,19 +12,15 @@ from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.target_motion.contact import ContactAnswer
 from uwtrack_cli.motion.target_motion.cross_fix import grid_state
-from uwtrack_cli.motion.target_motion.last_leg import state_now
 from uwtrack_cli.motion.target_motion.model import to_motion
 from uwtrack_cli.motion.target_motion.modes import Interval, ModeAnswer, TmaOptions
+from uwtrack_cli.motion.target_motion.problem import MotionPrior
 
 LARGEST_LOG_RANGE_STD = 1.0
 """Deviation of ln R above which the range is not given."""
 
 MOTION = ("range_m", "bearing_deg", "speed_mps", "course_deg")
 NOW = tuple(f"now_{name}" for name in MOTION)
-
-STATE = (*MOTION, "rest_frequencies_hz", *NOW)
-"""What is not given when the target manoeuvred; of the state now where its last leg is
-not told."""
 
 WHOLE_CIRCLE_DEG = 359.9
 """Width from which an interval of the course is the whole circle."""
@@ -35,10 +31,6 @@ LARGEST_COURSE_STD_RAD = np.radians(60.0)
 
 def reasons_of(mode: ModeAnswer, answer: ContactAnswer) -> dict[str, str]:
     """Return why a value is not observable, by column."""
-    if answer.target_manoeuvre.is_certain:
-        hidden = dict.fromkeys(STATE, _manoeuvred(answer))
-        known = NOW if _leg_of(answer, mode) is not None else ()
-        return {key: why for key, why in hidden.items() if key not in known}
     observable = mode.observability.observable.copy()
     # what scales or turns freely drags speed and course along, even where their
     # slopes happen to vanish
@@ -65,33 +57,12 @@ def reasons_of(mode: ModeAnswer, answer: ContactAnswer) -> dict[str, str]:
         for key, hidden in (
             ("speed_mps", not observable[2] or std[2] > LARGEST_SPEED_STD_MPS),
             ("course_deg", not observable[3] or std[3] > LARGEST_COURSE_STD_RAD),
-            ("rest_frequencies_hz", not observable[4:].all()),
+            ("rest_frequencies_hz", not observable[mode.q.size :].all()),
         )
         if hidden
     }
     now = dict(zip(NOW, MOTION, strict=True))
     return reasons | {key: reasons[of] for key, of in now.items() if of in reasons}
-
-
-def _leg_of(answer: ContactAnswer, mode: ModeAnswer) -> ModeAnswer | None:
-    """Return the last leg beside the best mode: it is the only one that is fitted."""
-    return answer.last_leg if mode is answer.modes[0] else None
-
-
-def _manoeuvred(answer: ContactAnswer) -> str:
-    """Say that one straight motion does not tell where the target is."""
-    change = answer.target_manoeuvre
-    at = float(answer.data.time_s[0]) + change.time_s
-    why = (
-        f"the target changed its velocity at about {at:.0f} s (the misfit gains "
-        f"{change.gain:.0f})"
-    )
-    if answer.last_leg is None:
-        return (
-            f"manoeuvre, state not given: {why}; give the rows before or after it by "
-            f"themselves"
-        )
-    return f"manoeuvre, state at the first measurement not given: {why}"
 
 
 def _at_least(range_m: float) -> str:
@@ -139,6 +110,15 @@ def ellipse_agrees(mode: ModeAnswer) -> bool:
     return True
 
 
+def _has_no_bearing(answer: ContactAnswer) -> bool:
+    """Return whether frequencies alone were measured.
+
+    They tell a motion from its mirror image by the small differences that own ship's
+    alterations make, and errors of own navigation make as large ones.
+    """
+    return bool(np.isnan(answer.data.bearing_deg).all())
+
+
 def report_of(
     mode: ModeAnswer,
     answer: ContactAnswer,
@@ -175,13 +155,20 @@ def report_of(
         f"chance of range within 10 %, speed within 3 kn and course within 7 deg: "
         f"{seen.probability:.3f}"
     )
+    parts += _words_of_legs(mode, answer)
     parts += _complaints(mode, answer) + _shares(answer)
     if "range_m" in reasons:
         return "; ".join(parts) + "."
-    parts += _sound_speed_effect(mode)
+    return "; ".join(parts + _sound_speed_effect(mode) + _doubts(mode, answer)) + "."
+
+
+def _doubts(mode: ModeAnswer, answer: ContactAnswer) -> list[str]:
+    """Say why the deviations are not to be trusted, if they are not."""
+    if _has_no_bearing(answer):
+        return ["frequencies alone hardly tell a side from the other: a bearing would"]
     if not ellipse_agrees(mode):
-        parts.append("the standard deviations are misleading here: use the intervals")
-    return "; ".join(parts) + "."
+        return ["the standard deviations are misleading here: use the intervals"]
+    return []
 
 
 LEAST_EFFECT_PERCENT = 0.01
@@ -265,6 +252,7 @@ def motions_table(answers: list[ContactAnswer], options: TmaOptions) -> Motions:
         **_nuisance_table(answers, options),
         **_row_table(answers),
         **_offset_table(answers),
+        **_leg_table(answers),
         solver=options.solver,
         loss=options.misfit.loss,
         doppler=options.model.doppler,
@@ -281,8 +269,9 @@ def _statement(answers: list[ContactAnswer], options: TmaOptions) -> str:
         for answer in answers
     ]
     if answers and all(crossing):
-        return SENSORS_STATEMENT
+        return " ".join([SENSORS_STATEMENT, *_expected(options.prior)])
     words, own = [STATEMENT.format(speed=options.sound_speed_mps)], options.nuisances
+    words += _expected(options.prior)
     if own.is_usual_navigation and not any(crossing):
         words.append(
             NAVIGATION_STATEMENT.format(
@@ -290,6 +279,23 @@ def _statement(answers: list[ContactAnswer], options: TmaOptions) -> str:
             )
         )
     return " ".join(words)
+
+
+def _expected(prior: MotionPrior) -> list[str]:
+    """Say what an analyst's limits brought into the result."""
+    parts = []
+    if prior.log_range is not None:
+        middle, factor = np.exp([prior.log_range.mean, prior.log_range.std])
+        parts.append(f"a range of {middle:.0f} m within a factor of {factor:.2g}")
+    if prior.speed_mps is not None:
+        told = _told(prior.speed_mps.mean, prior.speed_mps.std, "m/s", 1)
+        parts.append(f"a speed of {told} on every leg")
+    if prior.course_rad is not None:
+        mean, std = np.degrees([prior.course_rad.mean, prior.course_rad.std])
+        parts.append(f"a course of {_told(mean % 360.0, std, 'degrees', 0)} at first")
+    if not parts:
+        return []
+    return [f"The limits that were given count as measurements: {', '.join(parts)}."]
 
 
 def _column(name: str, values: list[Any]) -> NDArray[Any]:
@@ -313,7 +319,7 @@ def _row(answer: ContactAnswer, mode: ModeAnswer, number: int) -> dict[str, Any]
         "weight": mode.weight,
         "time_s": first,
         "time_utc_ns": _utc(data.start_utc_ns, first),
-        **_with_std(to_motion(mode.q), std),
+        **_with_std(to_motion(mode.q)[:4], std),
         "range_low_m": np.nan
         if spans["range"].open_low
         else np.exp(spans["range"].low),
@@ -325,8 +331,8 @@ def _row(answer: ContactAnswer, mode: ModeAnswer, number: int) -> dict[str, Any]
         **course_ends(spans["course"]),
         "covariance": covariance * np.outer(DEGREES, DEGREES),
         "now_time_s": float(data.time_s[-1]),
-        **_with_std(*state_now(_leg_of(answer, mode) or mode), "now_"),
-        "ellipse_trusted": ellipse_agrees(mode),
+        **_with_std(mode.now, mode.now_std, "now_"),
+        "ellipse_trusted": ellipse_agrees(mode) and not _has_no_bearing(answer),
         "misfit": mode.value,
         "n_values": answer.n_values,
         "reasons": dict(sorted(reasons.items())),
@@ -371,16 +377,17 @@ def _observability(
 ) -> dict[str, Any]:
     seen = mode.observability
     observable = "range_m" not in reasons
-    change = answer.target_manoeuvre
-    needed = not (observable or answer.manoeuvring or change.is_certain)
+    is_altered = len(mode.legs) > 1
+    needed = not (observable or answer.manoeuvring or is_altered)
     return {
-        "motion_model": "manoeuvre" if change.is_certain else "straight",
+        "motion_model": "manoeuvre" if is_altered else "straight",
         "manoeuvre_time_s": (
-            float(answer.data.time_s[0]) + change.time_s
-            if change.is_certain
+            float(answer.data.time_s[0]) + mode.legs[1].altered_s
+            if is_altered
             else np.nan
         ),
-        "manoeuvre_gain": change.gain,
+        "manoeuvre_gain": answer.legs.gain,
+        "manoeuvre_probability": answer.legs.probability,
         "observable": observable,
         "rank": seen.rank,
         "n_parameters": seen.n_parameters,
@@ -389,25 +396,39 @@ def _observability(
         "range_per_sound_speed": mode.range_per_sound_speed,
         "manoeuvre_needed": needed,
         "weakest_direction": seen.weakest,
-        "report": (
-            _report_of_legs(answer)
-            if change.is_certain
-            else report_of(mode, answer, reasons, manoeuvre_needed=needed)
-        ),
+        "report": report_of(mode, answer, reasons, manoeuvre_needed=needed),
     }
 
 
-def _report_of_legs(answer: ContactAnswer) -> str:
-    """Describe a target that changed its velocity, and what it does now."""
-    words, leg = _manoeuvred(answer), answer.last_leg
-    if leg is None:
-        return f"{words}."
-    state, std = state_now(leg)
-    return (
-        f"{words}; at the last measurement its range is {state[0]:.0f} +- {std[0]:.0f} "
-        f"m, its speed {state[2]:.2f} +- {std[2]:.2f} m/s and its course "
-        f"{np.degrees(state[3]):.1f} +- {np.degrees(std[3]):.1f} degrees."
-    )
+LEAST_WORTH_SAYING = 0.05
+"""Probability of an alteration from which a report of a straight motion speaks of it."""
+
+
+def _words_of_legs(mode: ModeAnswer, answer: ContactAnswer) -> list[str]:
+    """Say when the target altered, or that it may have."""
+    first = float(answer.data.time_s[0])
+    chance = answer.legs.probability
+    if len(mode.legs) == 1:
+        if chance < LEAST_WORTH_SAYING:
+            return []
+        doubt = (
+            f"that the target altered its velocity has a probability of {chance:.2g}, "
+            f"and the deviations hold it"
+        )
+        return [doubt]
+    words = [
+        f"the target altered its velocity at {first + leg.altered_s:.0f} +- "
+        f"{leg.altered_std_s:.0f} s, and then has "
+        f"{_told(leg.state[2], leg.std[2], 'm/s', 2)} and a course of "
+        f"{_told(np.degrees(leg.state[3]), np.degrees(leg.std[3]), 'degrees', 1)}"
+        for leg in mode.legs[1:]
+    ]
+    words[0] = f"{len(mode.legs)} legs: {words[0]}"
+    return words
+
+
+def _told(value: float, std: float, unit: str, decimals: int) -> str:
+    return f"{value:.{decimals}f} +- {std:.{decimals}f} {unit}"
 
 
 def _blank(values: dict[str, Any], reasons: dict[str, str]) -> None:
@@ -423,9 +444,6 @@ def _blank(values: dict[str, Any], reasons: dict[str, str]) -> None:
             covariance[place, :] = covariance[:, place] = np.nan
     if "course_deg" in reasons:
         values["course_low_deg"] = values["course_high_deg"] = np.nan
-    if values["motion_model"] == "manoeuvre":
-        for name in ("range_low_m", "range_high_m", "speed_low_mps", "speed_high_mps"):
-            values[name] = np.nan
     values["covariance"] = covariance
 
 
@@ -495,6 +513,54 @@ def _offset_table(answers: list[ContactAnswer]) -> dict[str, NDArray[Any]]:
     }
 
 
+def _leg_table(answers: list[ContactAnswer]) -> dict[str, NDArray[Any]]:
+    """Return every leg of every mode."""
+    owner, rows = flatten(
+        enumerate(_leg_rows(answer, mode), start=1)
+        for answer in answers
+        for mode in answer.modes
+    )
+    table: dict[str, NDArray[Any]] = {
+        "leg_motion": owner,
+        "leg_number": np.array([number for number, _ in rows], np.int64),
+    }
+    for name in LEG:
+        table[f"leg_{name}"] = np.array([one[name] for _, one in rows], np.float64)
+    return table
+
+
+LEG = (
+    "start_s", "end_s", "range_m", "range_std_m", "bearing_deg", "bearing_std_deg",
+    "speed_mps", "speed_std_mps", "course_deg", "course_std_deg", "alteration_time_s",
+    "alteration_time_std_s",
+)  # fmt: skip
+"""What is told of every leg."""
+
+
+def _leg_rows(answer: ContactAnswer, mode: ModeAnswer) -> list[dict[str, float]]:
+    first, found = float(answer.data.time_s[0]), []
+    observable = mode.observability.observable
+    for leg in mode.legs:
+        values = {
+            "start_s": first + leg.begin_s,
+            "end_s": first + leg.end_s,
+            **_with_std(leg.state, leg.std),
+            "alteration_time_s": first + leg.altered_s,
+            "alteration_time_std_s": leg.altered_std_s,
+        }
+        spread = leg.std / [
+            LARGEST_LOG_RANGE_STD * leg.state[0], np.inf, LARGEST_SPEED_STD_MPS,
+            LARGEST_COURSE_STD_RAD,
+        ]  # fmt: skip
+        hidden = (spread > 1.0) | ~observable[:4]
+        for key, is_hidden in zip(MOTION, hidden, strict=True):
+            if is_hidden:
+                stem, unit = key.rsplit("_", 1)
+                values[key] = values[f"{stem}_std_{unit}"] = np.nan
+        found.append(values)
+    return found
+
+
 def _rest_table(
     answers: list[ContactAnswer], reasons: list[dict[str, str]]
 ) -> dict[str, NDArray[Any]]:
@@ -502,7 +568,7 @@ def _rest_table(
     number = 0
     for answer in answers:
         for mode in answer.modes:
-            std = np.sqrt(np.maximum(np.diagonal(mode.covariance)[4:], 0.0))
+            std = np.sqrt(np.maximum(np.diagonal(mode.covariance)[mode.q.size :], 0.0))
             hidden = "rest_frequencies_hz" in reasons[number]
             rows += [
                 (number, int(line), np.nan if hidden else float(f), float(s))

@@ -14,6 +14,7 @@ Tukey 1974); Student's t has four degrees of freedom (Lange et al. 1989).
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -21,13 +22,15 @@ from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.target_motion.model import (
+    PER_ALTERATION,
+    STRAIGHT,
     Prediction,
     predict,
     predict_values,
     state_jacobian,
     to_state,
 )
-from uwtrack_cli.motion.target_motion.problem import Loss, Problem
+from uwtrack_cli.motion.target_motion.problem import Loss, MotionPrior, Problem
 
 HUBER, TUKEY, STUDENT = 1.345, 4.685, 4.0
 
@@ -79,9 +82,9 @@ class ProfiledMisfit:
     value: FloatArray
     """Misfit, shape (trials,)."""
     gradient: FloatArray
-    """Half its gradient, shape (trials, 4)."""
+    """Half its gradient, shape (trials, p)."""
     matrix: FloatArray
-    """Gauss-Newton matrix, shape (trials, 4, 4)."""
+    """Gauss-Newton matrix, shape (trials, p, p)."""
     rest_hz: FloatArray
     """Best rest frequencies, Hz, shape (trials, lines)."""
 
@@ -260,7 +263,9 @@ def misfit(
     frequencies: the matrix is A - b d^-1 b^T (Golub & Pereyra 1973).
     """
     r = residuals(problem, q, member, polar=polar)
-    value = loss_value(r.bearing, problem.loss).sum((1, 2)) + r.prior_value(problem)
+    prior_z, prior_rows = motion_prior(problem, to_state(q, polar=polar))
+    value = (prior_z**2).sum(-1)
+    value += loss_value(r.bearing, problem.loss).sum((1, 2)) + r.prior_value(problem)
     value += loss_value(r.frequency, problem.loss).sum((1, 2))
     blocks = normal_blocks(problem, r)
     chain = state_jacobian(q, polar=polar)
@@ -270,6 +275,10 @@ def misfit(
     gradient = (
         blocks.gradient - (cross @ blocks.rest_gradient[:, :, np.newaxis])[..., 0]
     )
+    if prior_z.size:
+        rows = np.swapaxes(prior_rows, 1, 2)
+        matrix = matrix + rows @ prior_rows
+        gradient = gradient + (rows @ prior_z[:, :, np.newaxis])[:, :, 0]
     turned = np.swapaxes(chain, 1, 2)
     return ProfiledMisfit(
         value,
@@ -279,19 +288,86 @@ def misfit(
     )
 
 
+def motion_prior(problem: Problem, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how far motions are from what was expected, and the partials of that.
+
+    In deviations, shapes (trials, k) and (trials, k, p), of states (x, y, vx, vy) with
+    their alterations.
+    """
+    prior = problem.prior
+    parts = [*_expected_start(prior, state), *_expected_speeds(prior, state)]
+    for first in range(STRAIGHT, state.shape[1], PER_ALTERATION):
+        for place, mean, std in (
+            (first, 0.0, prior.change_std_mps),
+            (first + 1, 0.0, prior.change_std_mps),
+            (first + 3, prior.log_duration.mean, prior.log_duration.std),
+        ):
+            parts.append(((state[:, place] - mean) / std, {place: 1.0 / std}))
+    off = np.zeros((len(state), len(parts)))
+    rows = np.zeros((*off.shape, state.shape[1]))
+    for number, (z, columns) in enumerate(parts):
+        off[:, number] = z
+        for place, value in columns.items():
+            rows[:, number, place] = value
+    return off, rows
+
+
+Columns = dict[int, Any]
+"""Partials by the places of the unknowns that have any."""
+
+
+def _expected_start(
+    prior: MotionPrior, state: FloatArray
+) -> list[tuple[FloatArray, Columns]]:
+    """Return off and partials of the range and the course at the first measurement."""
+    found: list[tuple[FloatArray, Columns]] = []
+    for expected, place in ((prior.log_range, 0), (prior.course_rad, 2)):
+        if expected is None:
+            continue
+        east, north = state[:, place], state[:, place + 1]
+        scale = np.maximum(east**2 + north**2, 1e-12) * expected.std
+        if place:
+            off = wrap_rad(np.arctan2(east, north) - expected.mean)
+            columns = {place: north / scale, place + 1: -east / scale}
+        else:
+            off = np.log(np.maximum(np.hypot(east, north), 1e-6)) - expected.mean
+            columns = {place: east / scale, place + 1: north / scale}
+        found.append((off / expected.std, columns))
+    return found
+
+
+def _expected_speeds(
+    prior: MotionPrior, state: FloatArray
+) -> list[tuple[FloatArray, Columns]]:
+    """Return off and partials of the speed on every leg."""
+    expected, found = prior.speed_mps, list[tuple[FloatArray, Columns]]()
+    if expected is None:
+        return found
+    velocity, places = np.zeros((len(state), 2)), list[int]()
+    for first in (2, *range(STRAIGHT, state.shape[1], PER_ALTERATION)):
+        velocity = velocity + state[:, first : first + 2]
+        places.append(first)
+        speed = np.maximum(np.hypot(*velocity.T), 1e-6)
+        east, north = (velocity / (speed * expected.std)[:, np.newaxis]).T
+        columns = dict.fromkeys(places, east)
+        columns |= dict.fromkeys([place + 1 for place in places], north)
+        found.append(((speed - expected.mean) / expected.std, columns))
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class NormalBlocks:
     """Normal equations of state and rest frequencies, block by block."""
 
     matrix: FloatArray
-    """Of the state, shape (trials, 4, 4)."""
+    """Of the state, shape (trials, p, p)."""
     cross: FloatArray
     """Of state and what is projected out, rest frequencies and then the offsets of
-    the streams, if they are sought, shape (trials, 4, n)."""
+    the streams, if they are sought, shape (trials, p, n)."""
     rest_matrix: FloatArray
     """Diagonal of what is projected out, shape (trials, n)."""
     gradient: FloatArray
-    """Half gradient in the state, shape (trials, 4)."""
+    """Half gradient in the state, shape (trials, p)."""
     rest_gradient: FloatArray
     """Half gradient in what is projected out, shape (trials, n)."""
 

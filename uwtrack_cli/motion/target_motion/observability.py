@@ -19,11 +19,18 @@ import numpy as np
 
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.motion.target_motion.model import motion_jacobian, state_jacobian
+from uwtrack_cli.motion.target_motion.model import (
+    PER_ALTERATION,
+    STRAIGHT,
+    motion_jacobian,
+    state_jacobian,
+    to_state,
+)
 from uwtrack_cli.motion.target_motion.objective import (
     Residuals,
     loss_curvature,
     loss_weight,
+    motion_prior,
     residuals,
 )
 from uwtrack_cli.motion.target_motion.own_ship import ObserverTrack
@@ -85,10 +92,13 @@ def information(problem: Problem, q: FloatArray) -> Information:
     trial = q[np.newaxis]
     r = residuals(problem, trial)
     bread, meat = _bread_and_meat(problem, r)
-    size = 4 + problem.n_lines
+    own, size = q.size, q.size + problem.n_lines
+    expected = motion_prior(problem, to_state(trial))[1][0]
+    bread[:own, :own] += expected.T @ expected
+    meat[:own, :own] += expected.T @ expected
     chain, turn = np.eye(size), np.eye(size)
-    chain[:4, :4] = state_jacobian(trial)[0]
-    turn[:4, :4] = motion_jacobian(trial)[0]
+    chain[:own, :own] = state_jacobian(trial)[0]
+    turn[:own, :own] = motion_jacobian(trial)[0]
     return Information(chain.T @ bread @ chain, chain.T @ meat @ chain, turn)
 
 
@@ -117,18 +127,19 @@ def offset_pull(problem: Problem, r: Residuals) -> FloatArray:
 
 
 def _plain_rows(problem: Problem, r: Residuals) -> FloatArray:
-    size = 4 + problem.n_lines
-    streams = problem.bearing_weight.shape[0]
-    rows = np.zeros((streams + problem.n_lines, problem.n_rows, size))
     bearing = r.prediction.bearing_jacobian[0] * r.side[0]
-    rows[:streams, :, :4] = (
+    own = len(bearing)
+    streams = problem.bearing_weight.shape[0]
+    rows = np.zeros((streams + problem.n_lines, problem.n_rows, own + problem.n_lines))
+    rows[:streams, :, :own] = (
         problem.bearing_weight[:, :, np.newaxis] * bearing.T[np.newaxis]
     )
     rate = r.prediction.rate_jacobian[0].T / problem.sound_speed_mps
     for line in range(problem.n_lines):
         weight = problem.frequency_weight[line]
-        rows[streams + line, :, :4] = -weight[:, np.newaxis] * r.rest_hz[0, line] * rate
-        rows[streams + line, :, 4 + line] = weight * r.factor[0]
+        slope = weight[:, np.newaxis] * r.rest_hz[0, line] * rate
+        rows[streams + line, :, :own] = -slope
+        rows[streams + line, :, own + line] = weight * r.factor[0]
     return rows
 
 
@@ -250,13 +261,16 @@ def assess(found: Information, motion: FloatArray) -> Observability:
     spread = 1.0 / np.sqrt(max(float(values[0]), 1e-300))
     direction = vectors[:, 0] / scale * spread
     probability = 0.0
+    n_lines = values.size - motion.size
     if not lost.any():
         probability = accuracy_probability(found.covariance(), float(motion[0]))
     return Observability(
         rank=int(np.count_nonzero(~lost)),
         n_parameters=values.size,
         condition=found.condition,
-        weakest=_in_words(direction, float(motion[0]), singular=bool(lost.any())),
+        weakest=_in_words(
+            direction, float(motion[0]), n_lines, singular=bool(lost.any())
+        ),
         probability=probability,
         observable=observable,
     )
@@ -269,20 +283,27 @@ def accuracy_probability(covariance: FloatArray, range_m: float) -> float:
     return criterion_probability(covariance[chosen], np.array(bounds))
 
 
-def _in_words(direction: FloatArray, range_m: float, *, singular: bool) -> str:
+def _in_words(
+    direction: FloatArray, range_m: float, n_lines: int, *, singular: bool
+) -> str:
     """Write a direction; a singular one scaled to the largest readable change."""
+    n_alterations = (direction.size - n_lines) // PER_ALTERATION - 1
     readable = np.concatenate([
         [100.0 * direction[0] / range_m],
         [direction[2] / KNOT_MPS],
         np.degrees(direction[[3, 1]]),
-        direction[4:],
+        direction[STRAIGHT:],
     ])  # fmt: skip
     if singular:
         readable = readable * (10.0 / max(np.abs(readable).max(), 1e-300))
     readable = readable * (1.0 if readable[np.abs(readable).argmax()] >= 0 else -1.0)
-    units = ["%", "kn", "deg", "deg"] + ["Hz"] * (readable.size - 4)
+    units = ["%", "kn", "deg", "deg", *(("m/s", "m/s", "s", "log s") * n_alterations)]
     names = ["range", "speed", "course", "bearing"]
-    names += [f"line {i + 1}" for i in range(readable.size - 4)]
+    for number in range(1, n_alterations + 1):
+        changes = ("east", "north", "time", "duration")
+        names += [f"alteration {number} {change}" for change in changes]
+    units += ["Hz"] * n_lines
+    names += [f"line {i + 1}" for i in range(n_lines)]
     least = 1e-6 if singular else 0.0
     return ", ".join(
         f"{name} {value:+.3g} {unit}"

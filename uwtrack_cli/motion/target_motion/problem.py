@@ -20,6 +20,37 @@ from uwtrack_cli.motion.target_motion.own_ship import ObserverTrack
 Loss = Literal["squares", "huber", "student", "tukey"]
 
 
+@dataclass(frozen=True)
+class Expectation:
+    """What is expected of a quantity before the fit."""
+
+    mean: float
+    """Mean."""
+    std: float
+    """Standard deviation."""
+
+    @classmethod
+    def between(cls, low: float, high: float) -> "Expectation":
+        """Return mean and deviation of what lies anywhere between two limits."""
+        return cls(0.5 * (low + high), (high - low) / float(np.sqrt(12.0)))
+
+
+@dataclass(frozen=True)
+class MotionPrior:
+    """What is expected of a motion before the fit; None: nothing."""
+
+    log_range: Expectation | None = None
+    """Of the logarithm of the range at the first measurement, m."""
+    speed_mps: Expectation | None = None
+    """Of the speed on every leg, m/s."""
+    course_rad: Expectation | None = None
+    """Of the course on the first leg, rad."""
+    change_std_mps: float = 4.0
+    """Deviation of each component of a change of velocity, m/s."""
+    log_duration: Expectation = Expectation(float(np.log(60.0)), 1.0)
+    """Of the logarithm of the duration of an alteration, s."""
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Measurements of one contact with their weights, and the physics assumed."""
@@ -54,6 +85,8 @@ class Problem:
     offset_std_rad: FloatArray | None = None
     """Prior deviation of the constant error of each stream of bearings, rad, shape
     (streams,); None where it is not an unknown of the fit."""
+    prior: MotionPrior = MotionPrior()
+    """What is expected of the motion before the fit."""
 
     @property
     def n_rows(self) -> int:

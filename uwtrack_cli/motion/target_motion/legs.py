@@ -1,0 +1,539 @@
+"""Legs of a target: whether it altered its velocity, how often, when, and how well.
+
+**Method.** A target keeps its velocity on a leg and goes evenly from one to the next
+during an alteration. One more alteration at the instant s by dv moves what is measured
+at t > s by (d/dv - s d/dx) of the model: its partials by the velocity less s times those
+by the position. For many instants the two unknowns of dv, with normal priors of several
+widths, are added to the linearised model of the motion, whose own unknowns are projected
+out with those of sound speed and compass (or of the offset of every sensor). The
+likelihood of the record then has a closed form, and the mean over instants and widths,
+times the odds that a target alters in so long a record, those of one more alteration.
+
+Where that is worth a look, the alteration is fitted with all others (Levenberg-Marquardt
+from several instants), and the next one is sought beside it. The evidence of every number
+of legs (Laplace's approximation) decides. Noise with a memory makes sums of residuals
+scatter more than independent ones; how much, the residuals of the most legs tell, which
+no missing alteration has lengthened.
+
+An alteration that the evidence does not ask for may still have been there: its
+probability, and what it would move, widen what is said of the legs that are kept
+(Bayesian model averaging about the motion that is reported).
+
+**Conventions.** Times count from the first measurement.
+
+**References.** Rao (1948), Proc. Camb. Phil. Soc. 44, 50 (score test); MacKay (2003), ch.
+28 (evidence); Hoeting et al. (1999), Stat. Sci. 14, 382 (model averaging).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
+from uwtrack_cli.motion.target_motion.inputs import correlation_inflation
+from uwtrack_cli.motion.target_motion.model import (
+    STRAIGHT,
+    from_state,
+    state_at,
+    state_jacobian,
+    to_state,
+)
+from uwtrack_cli.motion.target_motion.objective import (
+    Residuals,
+    loss_weight,
+    misfit,
+    motion_prior,
+    residuals,
+)
+from uwtrack_cli.motion.target_motion.problem import Expectation, Problem
+from uwtrack_cli.motion.target_motion.solvers.marquardt import (
+    DescentResult,
+    SearchBounds,
+    minimise,
+)
+
+N_INSTANTS = 41
+"""Instants at which the target may have altered its velocity."""
+
+FIRST_SHARE, LAST_SHARE = 0.05, 0.95
+"""Where they begin and end, as shares of the rows."""
+
+FEWEST_ROWS = 20
+"""Rows below which no alteration is sought."""
+
+MOST_ALTERATIONS = 3
+"""Alterations that are sought in one record."""
+
+ALTERATIONS_PER_HOUR = 0.5
+"""Rate at which a target alters, before anything is known of it: see
+studies/constants/manoeuvre.py."""
+
+CHANGE_STDS_MPS = (0.5, 1.0, 2.0, 4.0)
+"""Deviations of each component of a change of velocity that are equally likely before."""
+
+WORTH_A_FIT = 0.15
+"""Probability of an alteration from which it is fitted: the linear model that gives it is
+right within a factor of a few in the odds."""
+
+SMALLEST_CORRELATION = 3.0
+"""Correlation of neighbours, in its deviations, from which noise has a memory."""
+
+LARGEST_DECAY = 0.98
+"""Correlation of neighbours of the slowest Markov noise."""
+
+LARGEST_SCATTER = 3.0
+"""Deviations of its mean square up to which noise is as large as was stated."""
+
+LARGEST_WHITE = 2.0
+"""Inflation up to which noise counts as white: that of white noise is about 1.5."""
+
+N_STARTS = 7
+"""Stretches of the record in each of which a fit starts from the best instant."""
+
+FIRST_STEPS, HOPELESS = 12, 40.0
+"""Steps from every start, and the rise over the best from which none goes on."""
+
+EDGE = 0.01
+"""Share of the record at either end in which no alteration lies."""
+
+ROWS_OF_A_TURN = 2.0
+"""Rows that an alteration lasts at least: between two rows nothing tells its time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Alterations:
+    """What a record says of one more alteration of a motion."""
+
+    log_odds: FloatArray
+    """Of every instant and width, before the record's own odds, shape (instants,
+    widths)."""
+    instant_s: FloatArray
+    """Instants, s, shape (instants,)."""
+    change_mps: FloatArray
+    """Best change at every instant with the widest prior, shape (instants, 2)."""
+    shift: FloatArray
+    """What a change of 1 m/s moves in state and rest frequencies, shape (instants, p +
+    lines, 2)."""
+    square: FloatArray
+    """Second moments of the change at every instant and width, (instants, widths, 2, 2)."""
+    gain: FloatArray
+    """Gain of every instant in the misfit, shape (instants,)."""
+    best_effect: FloatArray
+    """What the best change does to the whitened residuals of bearings and frequencies,
+    with all that follows it, shape (values,)."""
+    prior_odds: float
+    """Odds of an alteration before the record."""
+
+    @property
+    def probability(self) -> float:
+        """Probability of one more alteration."""
+        if not self.log_odds.size:
+            return 0.0
+        top = self.log_odds.max()
+        odds = np.log(self.prior_odds * np.exp(self.log_odds - top).mean()) + top
+        return float(1.0 / (1.0 + np.exp(-np.clip(odds, -500.0, 500.0))))
+
+    def spread(self, q: FloatArray, n_lines: int) -> FloatArray:
+        """Return second moments of what the alteration that may be moves.
+
+        Of state and rest frequencies, shape (p + lines, same), about the motion ``q``
+        without it.
+        """
+        if not self.log_odds.size:
+            return np.zeros((q.size + n_lines, q.size + n_lines))
+        square = np.einsum("iw,iwab->iab", self._weight(), self.square)
+        return np.asarray(np.einsum("ipa,iab,iqb->pq", self.shift, square, self.shift))
+
+    def spread_at(self, q: FloatArray, time_s: float) -> FloatArray:
+        """Return the same of the state at a time, s, shape (4, 4)."""
+        if not self.log_odds.size:
+            return np.zeros((STRAIGHT, STRAIGHT))
+        square = np.einsum("iw,iwab->iab", self._weight(), self.square)
+        chain = state_jacobian(q[np.newaxis])[0]
+        onward = state_at(q, time_s)[1] @ np.linalg.inv(chain)
+        since = (time_s - self.instant_s)[:, np.newaxis, np.newaxis]
+        place, velocity = np.maximum(since, 0.0) * np.eye(2), (since > 0.0) * np.eye(2)
+        moved = onward @ self.shift[:, : q.size]
+        moved = moved + np.concatenate([place, velocity], axis=1)
+        return np.asarray(np.einsum("ipa,iab,iqb->pq", moved, square, moved))
+
+    def _weight(self) -> FloatArray:
+        """Return the probability of every instant and width."""
+        weight = np.exp(self.log_odds - self.log_odds.max())
+        return np.asarray(weight * (self.probability / weight.sum()))
+
+
+NOTHING = Alterations(
+    np.empty((0, 0)), np.empty(0), np.empty((0, 2)), np.empty((0, 0, 2)),
+    np.empty((0, 0, 2, 2)), np.empty(0), np.empty(0), 0.0,
+)  # fmt: skip
+"""Where no alteration was sought."""
+
+
+@dataclass(frozen=True, eq=False)
+class Legs:
+    """The motions with the number of legs that the record asks for."""
+
+    fit: DescentResult
+    """Minima, best first, with their alterations in order of time."""
+    limits: SearchBounds
+    """Bounds of their unknowns."""
+    gain: float
+    """What the last alteration gains in the misfit, or the best one that was not kept."""
+    probability: float
+    """Probability that the target altered at all."""
+    inflation: FloatArray
+    """Variance of sums of bearings and of frequencies over that of independent ones."""
+    problem: Problem
+    """The problem, with the prior of durations that its rows can tell."""
+
+    def weighed(self) -> tuple[Problem, DescentResult]:
+        """Return problem and minima with the weights that noise with a memory leaves."""
+        if (self.inflation == 1.0).all():
+            return self.problem, self.fit
+        problem = _weighed(self.problem, self.inflation)
+        found = misfit(problem, self.fit.q)
+        fit = DescentResult(self.fit.q, found.rest_hz, found.value, found.matrix)
+        return problem, fit.take(np.argsort(found.value, kind="stable"))
+
+
+def find_legs(
+    problem: Problem,
+    straight: DescentResult,
+    limits: SearchBounds,
+    nuisances: NuisanceDeviations,
+    overlap_rows: int,
+) -> Legs:
+    """Fit as many legs as the evidence asks for, from the best straight motions.
+
+    Measurements still share samples at ``overlap_rows``; 0 for independent ones.
+    """
+    problem = _with_durations(problem)
+    span = float(np.ptp(problem.row_time_s))
+    fits, bounds = [straight], [limits]
+    found = seek_alteration(problem, straight.q[0], nuisances)
+    while found.probability > WORTH_A_FIT and len(fits) <= MOST_ALTERATIONS:
+        bounds.append(_with_one_more(bounds[-1], problem, span))
+        more = _fitted(problem, fits[-1], found, bounds[-1])
+        if not more.q.size or not more.value[0] < fits[-1].value[0]:
+            break
+        fits.append(more)
+        found = seek_alteration(problem, more.q[0], nuisances)
+    inflation = _memory(problem, fits[-1].q[0], found, overlap_rows)
+    if len(fits) == 1:
+        found = seek_alteration(problem, straight.q[0], nuisances, inflation)
+        return Legs(
+            straight, limits, float(found.gain.max(initial=0.0)), found.probability,
+            inflation, problem,
+        )  # fmt: skip
+    evidence = np.array([_evidence(problem, fit, inflation, span) for fit in fits])
+    best = int(evidence.argmax())
+    others = np.exp(np.clip(evidence - evidence[0], -500.0, 500.0))[1:].sum()
+    gain = _value(problem, fits[0], inflation) - _value(problem, fits[1], inflation)
+    return Legs(
+        fits[best],
+        bounds[best],
+        gain,
+        float(others / (1.0 + others)),
+        inflation,
+        problem,
+    )
+
+
+def _with_durations(problem: Problem) -> Problem:
+    """Return the problem with alterations that its rows can tell."""
+    spacing = np.diff(np.unique(problem.row_time_s))
+    if not spacing.size:
+        return problem
+    shortest = np.log(ROWS_OF_A_TURN * float(np.median(spacing)))
+    usual = problem.prior.log_duration
+    mean = max(usual.mean, shortest + usual.std)
+    prior = replace(problem.prior, log_duration=Expectation(mean, usual.std))
+    return replace(problem, prior=prior)
+
+
+def _with_one_more(
+    limits: SearchBounds, problem: Problem, span_s: float
+) -> SearchBounds:
+    """Return bounds with those of one more alteration behind them."""
+    usual, fast = problem.prior.log_duration, 2.0 * float(limits.upper[2])
+    lower = [-fast, -fast, EDGE * span_s, usual.mean - usual.std]
+    upper = [fast, fast, (1.0 - EDGE) * span_s, np.log(0.5 * span_s)]
+    upper[3] = max(upper[3], lower[3] + 0.1)
+    return SearchBounds(np.append(limits.lower, lower), np.append(limits.upper, upper))
+
+
+def _fitted(
+    problem: Problem, fit: DescentResult, found: Alterations, limits: SearchBounds
+) -> DescentResult:
+    """Fit one more alteration, from the best instants of several stretches.
+
+    A leg is longer than an alteration: other minima, which make one alteration of two, are
+    left out, and there may be none.
+    """
+    q = fit.q[0]
+    chances = found.log_odds.max(axis=1)
+    stretches = np.array_split(np.arange(chances.size), N_STARTS)
+    instants = [int(one[chances[one].argmax()]) for one in stretches]
+    usual = problem.prior.log_duration.mean
+    starts = []
+    for at in instants:
+        when, change = found.instant_s[at], found.change_mps[at]
+        starts.append(np.concatenate([q, [0.0, 0.0, when, usual]]))
+        state = to_state(q) + found.shift[at, : q.size] @ change
+        moved = q.copy()
+        moved[:STRAIGHT] = from_state(state[:STRAIGHT])
+        moved[STRAIGHT:] = state[STRAIGHT:]
+        starts.append(np.concatenate([moved, change, [when, usual]]))
+    # the other minima of the straight motion, where the record begins otherwise
+    top = instants[int(np.argmax(chances[instants]))]
+    for other in fit.q[1:3]:
+        when = found.instant_s[top]
+        starts.append(np.concatenate([other, [0.0, 0.0, when, usual]]))
+    ends = minimise(
+        problem, np.array(starts), limits, iterations=FIRST_STEPS, tolerance=1e-3
+    )
+    near = ends.q[ends.value < ends.value.min() + HOPELESS]
+    ends = minimise(problem, near, limits, tolerance=1e-6)
+    ends = ends.take(np.argsort(ends.value, kind="stable"))
+    q = in_order(ends.q)
+    q = q[_are_apart(q)]
+    value = misfit(problem, q)
+    return DescentResult(q, value.rest_hz, value.value, value.matrix)
+
+
+def in_order(q: FloatArray) -> FloatArray:
+    """Return motions, one per row, with their alterations in order of time."""
+    count = len(q)
+    parts = q[:, STRAIGHT:].reshape(count, -1, 4)
+    order = np.argsort(parts[:, :, 2], axis=1, kind="stable")
+    parts = np.take_along_axis(parts, order[:, :, np.newaxis], axis=1)
+    return np.concatenate([q[:, :STRAIGHT], parts.reshape(count, -1)], axis=1)
+
+
+def _are_apart(q: FloatArray) -> BoolArray:
+    """Return whether a leg lies between all alterations of motions in order of time."""
+    parts = q[:, STRAIGHT:].reshape(len(q), -1, 4)
+    half = 0.5 * np.exp(parts[:, :, 3])
+    end, begin = parts[:, :-1, 2] + half[:, :-1], parts[:, 1:, 2] - half[:, 1:]
+    return np.asarray((begin - end > half[:, :-1] + half[:, 1:]).all(axis=1))
+
+
+def _weighed(problem: Problem, inflation: FloatArray) -> Problem:
+    """Return the problem with the weights that noise with a memory leaves."""
+    return replace(
+        problem,
+        bearing_weight=problem.bearing_weight / np.sqrt(inflation[0]),
+        frequency_weight=problem.frequency_weight / np.sqrt(inflation[1]),
+    )
+
+
+def _value(problem: Problem, fit: DescentResult, inflation: FloatArray) -> float:
+    return float(misfit(_weighed(problem, inflation), fit.q[:1]).value[0])
+
+
+def _evidence(
+    problem: Problem, fit: DescentResult, inflation: FloatArray, span_s: float
+) -> float:
+    """Return the log evidence of a number of legs, by Laplace's approximation.
+
+    Up to what all numbers have in common. An instant is likely anywhere in the record,
+    a change has the widest of its priors or, with smaller odds, narrower ones.
+    """
+    found = misfit(_weighed(problem, inflation), fit.q[:1])
+    q, matrix = fit.q[0], found.matrix[0].copy()
+    value = 0.0
+    for first in range(STRAIGHT, q.size, 4):
+        matrix[first + 2, first + 2] += 12.0 / span_s**2
+        change = q[first : first + 2]
+        widths = np.array(CHANGE_STDS_MPS)
+        narrow = -0.5 * (change @ change) / widths**2 - 2.0 * np.log(widths)
+        own = problem.prior.change_std_mps
+        value += np.log(np.exp(narrow).mean()) + 0.5 * (change @ change) / own**2
+        value -= np.log(problem.prior.log_duration.std) + np.log(span_s)
+        value += 0.5 * np.log(2.0 * np.pi) + np.log(_prior_odds(span_s))
+    scale = np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
+    values = np.linalg.eigvalsh(matrix / np.outer(scale, scale))
+    volume = np.log(np.maximum(values, 1e-13)).sum() + 2.0 * np.log(scale).sum()
+    return float(value - 0.5 * found.value[0] - 0.5 * volume)
+
+
+def _prior_odds(span_s: float) -> float:
+    return ALTERATIONS_PER_HOUR * span_s / 3600.0
+
+
+def _memory(
+    problem: Problem, q: FloatArray, more: Alterations, overlap_rows: int
+) -> FloatArray:
+    """Return the inflation of bearings and of frequencies by noise with a memory.
+
+    What one more alteration takes out of the residuals is no noise; noise that may be
+    white is.
+    """
+    r = residuals(problem, q[np.newaxis])
+    n = r.bearing[0].size
+    left = np.concatenate([r.bearing[0].ravel(), r.frequency[0].ravel()])
+    left = left * np.sqrt(np.maximum(loss_weight(left, problem.loss), 0.0))
+    left = left + (more.best_effect if more.best_effect.size else 0.0)
+    found = np.ones(2)
+    for place, (z, weight) in enumerate((
+        (left[:n].reshape(r.bearing[0].shape), problem.bearing_weight),
+        (left[n:].reshape(r.frequency[0].shape), problem.frequency_weight),
+    )):  # fmt: skip
+        if z.size and weight.any():
+            by_lags = correlation_inflation(z, weight, overlap_rows)
+            sums = max(by_lags, _markov_inflation(z))
+            count = int(np.count_nonzero(weight))
+            power = float((z**2).sum()) / max(count - q.size, 1)
+            # larger than was stated, beyond what that of white noise scatters by
+            plain = (
+                power if power > 1.0 + LARGEST_SCATTER * np.sqrt(2.0 / count) else 1.0
+            )
+            found[place] = max(plain, sums if sums >= LARGEST_WHITE else 1.0)
+    return found
+
+
+def _markov_inflation(z: FloatArray) -> float:
+    """Return the variance of sums of white and first-order Markov noise together.
+
+    Over that of independent values; a few lags tell it with less scatter than the
+    power at zero frequency does. ``z`` has the shape (stream, row).
+    """
+    value = np.clip(z, -5.0, 5.0).sum(axis=0)
+    n = value.size
+    power, one, two = (
+        float(value[lag:] @ value[: n - lag]) / n for lag in range(3)
+    )  # fmt: skip
+    if not one > SMALLEST_CORRELATION / np.sqrt(n) * power:
+        return 1.0
+    decay = float(np.clip(two / one, 0.0, LARGEST_DECAY))
+    share = min(one / (max(decay, one / power) * power), 1.0)
+    return float(1.0 + 2.0 * share * decay / (1.0 - decay))
+
+
+def seek_alteration(
+    problem: Problem,
+    q: FloatArray,
+    nuisances: NuisanceDeviations,
+    inflation: FloatArray | None = None,
+) -> Alterations:
+    """Weigh one more alteration of a motion at many instants.
+
+    ``inflation``: variance of sums of bearings and of frequencies over that of
+    independent ones.
+    """
+    if problem.n_rows < FEWEST_ROWS:
+        return NOTHING
+    inflation = np.ones(2) if inflation is None else inflation
+    r = residuals(problem, q[np.newaxis])
+    parts = _Parts(problem, q, r, nuisances)
+    scale = parts.scale(inflation)
+    known = np.concatenate([parts.state, parts.others], axis=1) * scale[:, np.newaxis]
+    known = np.concatenate([known, parts.prior_rows])
+    z = np.concatenate([scale * parts.z, parts.prior_z])
+    size = np.maximum(np.sqrt((known**2).sum(0)), 1e-300)
+    basis, singular, axes = np.linalg.svd(known / size, full_matrices=False)
+    kept = singular > 3e-7 * singular[0]
+    basis = basis[:, kept]
+    solve = (axes[kept].T / singular[kept]) / size[:, np.newaxis]
+    z = z - basis @ (basis.T @ z)
+    rows = np.linspace(FIRST_SHARE, LAST_SHARE, N_INSTANTS) * (problem.n_rows - 1)
+    before = np.unique(rows.astype(int))  # an instant lies between two rows
+    time = problem.row_time_s
+    instants = 0.5 * (time[before] + time[np.minimum(before + 1, time.size - 1)])
+    turned = np.zeros((instants.size, len(known), 2))
+    own = scale[:, np.newaxis] * parts.state
+    for place, at in enumerate(instants):
+        later = (parts.time_s > at)[:, np.newaxis]
+        turned[place, : len(own)] = later * (own[:, 2:4] - at * own[:, :2])
+    along = basis.T @ turned
+    shift = -(solve @ along)[:, : q.size + problem.n_lines]
+    left = turned - basis @ along
+    matrix = np.swapaxes(left, 1, 2) @ left
+    pull = np.swapaxes(left, 1, 2) @ z
+    precision = np.array(CHANGE_STDS_MPS)[:, np.newaxis, np.newaxis] ** -2.0 * np.eye(2)
+    joint = matrix[:, np.newaxis] + precision
+    inverse = np.linalg.inv(joint)
+    change = -(inverse @ pull[:, np.newaxis, :, np.newaxis])[..., 0]
+    gain = -np.einsum("iwa,ia->iw", change, pull)
+    volume = np.log(np.linalg.det(joint) / np.linalg.det(precision))
+    square = inverse + change[..., :, np.newaxis] * change[..., np.newaxis, :]
+    top = int(gain[:, -1].argmax())
+    effect = (left[top] @ change[top, -1])[: len(own)] / scale
+    return Alterations(
+        0.5 * (gain - volume), instants, change[:, -1], shift, square, gain[:, -1],
+        effect, _prior_odds(float(np.ptp(problem.row_time_s))),
+    )  # fmt: skip
+
+
+class _Parts:
+    """Whitened residuals and partials of one record, value by value."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        q: FloatArray,
+        r: Residuals,
+        nuisances: NuisanceDeviations,
+    ) -> None:
+        share_b = np.sqrt(np.maximum(loss_weight(r.bearing[0], problem.loss), 0.0))
+        share_f = np.sqrt(np.maximum(loss_weight(r.frequency[0], problem.loss), 0.0))
+        self._shape_b = r.bearing[0].shape
+        self._shape_f = r.frequency[0].shape
+        self.z = np.concatenate(
+            [(share_b * r.bearing[0]).ravel(), (share_f * r.frequency[0]).ravel()]
+        )
+        weight_b = share_b * problem.bearing_weight * r.side[0]
+        weight_f = share_f * problem.frequency_weight
+        bearing = weight_b[:, :, np.newaxis] * r.prediction.bearing_jacobian[0].T
+        rate = -r.rest_hz[0][:, np.newaxis] / problem.sound_speed_mps * weight_f
+        frequency = rate[:, :, np.newaxis] * r.prediction.rate_jacobian[0].T
+        self.state = np.concatenate(
+            [bearing.reshape(-1, q.size), frequency.reshape(-1, q.size)]
+        )
+        time = problem.row_time_s
+        self.time_s = np.concatenate(
+            [np.tile(time, self._shape_b[0]), np.tile(time, self._shape_f[0])]
+        )
+        streams = self._shape_b[0]
+        std = problem.offset_std_rad
+        n_constant = 1 if std is None else streams
+        n_lines = self._shape_f[0]
+        others = np.zeros((self.z.size, n_lines + 1 + n_constant))
+        n_bearings = share_b.size
+        for line in range(n_lines):
+            begin = n_bearings + line * time.size
+            others[begin : begin + time.size, line] = weight_f[line] * r.factor[0]
+        speed = -rate * r.prediction.rate_mps[0]  # by the logarithm of sound speed
+        relative = nuisances.sound_speed_mps / problem.sound_speed_mps
+        others[n_bearings:, n_lines] = relative * speed.ravel()
+        prior_z = np.zeros(1 + n_constant)
+        if std is None:
+            compass = np.radians(nuisances.compass_deg)
+            others[:n_bearings, -1] = (
+                compass * np.broadcast_to(weight_b, self._shape_b).ravel()
+            )
+        else:
+            plain = share_b * problem.bearing_weight
+            for stream in range(streams):
+                begin = stream * time.size
+                own = slice(begin, begin + time.size)
+                others[own, n_lines + 1 + stream] = std[stream] * plain[stream]
+            known = np.maximum(std, 1e-300)
+            prior_z[1:] = np.where(std > 0, r.offset_rad[0] / known, 0.0)
+        self.others = others
+        # sound speed and constant bearing errors have unit priors
+        expected_z, expected = motion_prior(problem, to_state(q)[np.newaxis])
+        self.prior_z = np.concatenate([expected_z[0], prior_z])
+        n_unit, n_known = prior_z.size, q.size + others.shape[1]
+        self.prior_rows = np.zeros((self.prior_z.size, n_known))
+        self.prior_rows[:-n_unit, : q.size] = expected[0]
+        self.prior_rows[-n_unit:, n_known - n_unit :] = np.eye(n_unit)
+
+    def scale(self, inflation: FloatArray) -> FloatArray:
+        """Return the factor of every value that its kind's inflation asks for."""
+        n = self._shape_b[0] * self._shape_b[1]
+        factor = np.full(self.z.size, inflation[1])
+        factor[:n] = inflation[0]
+        return np.asarray(1 / np.sqrt(factor))
