@@ -33,10 +33,10 @@ demo: $(BIN)/uwtrack  ## run the chain on a sample and draw a picture
 	$(BIN)/uwtrack run $(DEMO)/pass.wav --overwrite
 	$(BIN)/uwtrack plot $(DEMO)/pass.run.h5 --output $(DEMO)/pass.png --overwrite
 
-test: $(VENV)/.development  ## the suite: style, types, tests, doctests, documents
+test: $(VENV)/.development  ## the suite: style, types, tests, doctests
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal
 
-acceptance: $(VENV)/.development  ## what the program can do is as frozen: all parts, or PART="quiet lines"
+acceptance: $(VENV)/.development  ## slow tests, and what the program can do is as frozen: all parts, or PART="slow quiet lines"
 	$(BIN)/python -m tests.acceptance check $(PART)
 
 freeze: $(VENV)/.development  ## make what comes out now the frozen state: all parts, or PART=...

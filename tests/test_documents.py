@@ -43,6 +43,7 @@ def build_site():
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_the_site_builds_without_a_warning_and_every_link_arrives():
     site = build_site()
@@ -89,6 +90,7 @@ def sound_programs(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", EXECUTED, ids=lambda page: page.stem)
 def test_the_blocks_of_a_page_run_in_their_order(
     page, shared_program, sound_programs, tmp_path, monkeypatch
@@ -115,6 +117,7 @@ def test_the_blocks_of_a_page_run_in_their_order(
             assert re.sub(r"\s+", " ", line).strip() in shown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", [HALF_HOUR, COMMANDS_PAGE], ids=lambda p: p.stem)
 def test_what_is_typed_prints_what_the_page_says(path, shared_program, tmp_path):
     folders = (shared_program, Path(sys.executable).parent)

@@ -97,6 +97,7 @@ def demo(tmp_path, what):
     assert "wrote pass.png" in done.stderr
 
 
+@pytest.mark.slow
 def test_the_demo_runs_from_the_wheel(distributions, tmp_path):
     """What it needs comes from this environment, by a path."""
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"

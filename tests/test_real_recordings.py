@@ -33,6 +33,7 @@ def test_the_train_passes_at_its_known_speed(uwtrack):
     assert abs(train["speed_mps"] - 34.1) < 3 * train["speed_std_mps"]
 
 
+@pytest.mark.slow
 def test_electrical_hum_is_no_vessel(uwtrack):
     (path,) = (FOLDER / "orcasound").glob("*.flac")
     assert encounters(uwtrack, path) == []
@@ -46,6 +47,7 @@ def test_a_ship_that_does_not_pass_gives_lines_and_no_encounter(uwtrack):
     assert lines
 
 
+@pytest.mark.slow
 def test_a_car_without_lines_gives_range_over_speed_alone(uwtrack):
     (path,) = (FOLDER / "cars").glob("*.wav")
     (car,) = encounters(uwtrack, path, "--sound-speed-mps", 340)

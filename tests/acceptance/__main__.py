@@ -6,11 +6,13 @@ folder against what is frozen, or with ``--exact`` against another folder to 1e-
 moves of code: a run of the commit before, and one after). ``freeze`` runs and
 makes that the frozen state, with the tables of tests/baselines; with ``--from FOLDER``
 it takes a run that is there. ``list`` names parts and cases, ``faults`` plants
-deliberate faults and shows that each is seen.
+deliberate faults and shows that each is seen. The part ``slow`` of ``check`` is no part with
+cases: it is the tests of the suite that `make test` leaves out, since they take longer.
 """
 
 import argparse
 import shutil
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -20,6 +22,9 @@ from tests.acceptance.parts import PARTS
 from tests.acceptance.rates import held
 from tests.acceptance.running import FROZEN, Results, load, load_all, run_all, store
 from tests.acceptance.tables_of_figures import write_tables
+
+SLOW = "slow"
+"""Marker of the tests that `make test` leaves out, and name of their part."""
 
 
 def say(text: str) -> None:
@@ -122,9 +127,23 @@ def run(given: argparse.Namespace) -> int:
 
 
 def check(given: argparse.Namespace) -> int:
-    """Run what is frozen, and hold it against that."""
+    """Run what is frozen, and hold it against that; and the slow tests of the suite."""
+    is_slow = SLOW in given.names or not given.names
+    status = _slow_tests(given.processes) if is_slow else 0
+    is_alone = given.names == [SLOW]
+    given.names = [name for name in given.names if name != SLOW]
+    if is_alone:
+        return status
     results = run_parts(given, given.output, only_frozen=True)
-    return compare(results, given.cases)
+    return compare(results, given.cases) or status
+
+
+def _slow_tests(processes: int) -> int:
+    """Run the tests that `make test` leaves out, and return 1 if one fails."""
+    words = ["-m", "pytest", "-m", SLOW, "--numprocesses", str(processes)]
+    done = subprocess.run([sys.executable, *words, "--dist", "worksteal"], check=False)
+    say(f"{'red' if done.returncode else 'green'}: slow tests of the suite")
+    return int(done.returncode != 0)
 
 
 def compare_folders(given: argparse.Namespace) -> int:

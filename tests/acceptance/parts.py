@@ -52,15 +52,10 @@ LONG: dict[str, Callable[[], dict[str, Case]]] = {
 """What `make long` runs: 200 recordings without a vessel; rates alone are held."""
 
 SHORT: dict[str, tuple[str, ...]] = {
-    "samples": ("noise", "mono", "bearings", "contacts", "scans"),
-    "lines": ("track: fades of 10 s at 10 dB", "two lengths of frames joined", "sensitivity of track"),
-    "tables": ("cpa straight 382000", "tma S1-T1, compass 1 degree", "discriminate", "pdaf crossing at 20"),
-    "arrays": ("directions at 10 dB",),
+    "samples": ("noise", "bearings", "contacts", "scans"),
+    "lines": ("track: fades of 10 s at 10 dB", "two lengths of frames joined"),
+    "tables": ("tma S1-T1, compass 1 degree", "discriminate", "pdaf crossing at 20"),
     "targets": ("own ship under way, bearings",),
-    "quiet": ("quiet 381402",),
-    "vehicles": ("two cars 381605",),
-    "two-vessels": ("two vessels 381200",),
-    "nothing": ("squall 381704",),
     "fringes": ("shallow 382400",),
 }  # fmt: skip
-"""Cases of each part that are in `make test`: about three CPU minutes."""
+"""Cases of each part that are in `make test`: about half a CPU minute."""

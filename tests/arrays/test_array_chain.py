@@ -39,6 +39,7 @@ def assert_near_truth(motions, row, scenario, deviations=4.0):
         assert abs(error) < deviations * std, (name, got, wanted, std)
 
 
+@pytest.mark.slow
 def test_lines_of_a_vessel_on_the_other_side_hold_through_the_turn():
     turn = {"at_s": 110.0, "course_deg": 80.0, "rate_deg_per_s": 2.0}
     made = run(scene(turn=[turn], place=(-1100.0, 300.0)), "beamform.side=starboard")
@@ -52,6 +53,7 @@ def test_lines_of_a_vessel_on_the_other_side_hold_through_the_turn():
         assert heard.max() > 240.0
 
 
+@pytest.mark.slow
 def test_a_vessel_without_lines_is_followed_by_its_noise():
     noise = {"band_hz": [40.0, 240.0], "source_level_db": 152.0}
     scenario = scene(turn=[TURN], broadband=noise)
@@ -77,6 +79,7 @@ def test_a_turn_settles_the_side_and_the_motion(turned):
     assert_near_truth(motions, 0, scenario)
 
 
+@pytest.mark.slow
 def test_without_a_turn_both_sides_stay_and_mirror_each_other():
     scenario = scene()
     motions = run(scenario)[Motions]
@@ -105,6 +108,7 @@ def in_sample(uwtrack, sample, monkeypatch):
     return uwtrack
 
 
+@pytest.mark.slow
 def test_run_ends_in_the_motion_of_the_sample(in_sample, sample):
     done = in_sample("run", "towed-array.wav", "--json", "--overwrite")
     assert done.exit_code == 0, done.output
@@ -128,6 +132,7 @@ def test_run_ends_in_the_motion_of_the_sample(in_sample, sample):
     assert motion["weight"] > 0.95
 
 
+@pytest.mark.slow
 def test_stage_by_stage_gives_what_run_gives(in_sample):
     for words in (
         ("beamform", "towed-array.wav", "--stop-s", 60),

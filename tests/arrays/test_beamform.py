@@ -153,6 +153,7 @@ def test_ahead_and_astern_have_finite_deviations_that_hold():
         assert peaks.cone_std_deg.max() <= 30.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_isotropic", [True, False])
 def test_noise_exceeds_the_thresholds_of_every_beam_as_often_as_stated(is_isotropic):
     array = {

@@ -152,6 +152,7 @@ def test_a_dead_hydrophone_is_said_and_left_out():
     assert found.bearing_deg == pytest.approx(200.0, abs=3.0)
 
 
+@pytest.mark.slow
 def test_a_channel_without_a_number_is_a_dead_hydrophone():
     """It made a gap of every frame, and nothing was heard."""
     samples = plane_wave(SQUARE, 200.0, 0.0, snr_db=15.0, duration_s=4.0)

@@ -73,6 +73,7 @@ def delay_and_sum(samples, places, azimuths_deg, elevations_deg):
     return max(found, key=found.__getitem__)
 
 
+@pytest.mark.slow
 def test_the_direction_is_that_of_a_delay_and_sum_in_time():
     samples = plane_wave(TETRAHEDRON, 217.0, -24.0, snr_db=10.0, duration_s=2.0)
     fine = resample(samples, FINE * len(samples))
@@ -120,6 +121,7 @@ def several(sources, places=TETRAHEDRON, duration_s=10.0):
     return record_of(samples + noise, sensor_of(TETRAHEDRON), overlap=0.0).directions
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "sources", [((40, 0, 10), (85, 0, 10)), ((40, 10, 20), (130, 0, 0))]
 )
@@ -148,6 +150,7 @@ def test_more_sources_than_hydrophones_tell_are_no_directions():
     assert found.frame.size == 0
 
 
+@pytest.mark.slow
 def test_a_plane_hears_to_the_horizon():
     """Beams next to directions along the plane lay at the rim, and were none."""
     samples = plane_wave(SQUARE, 90.0, 5.0, snr_db=10.0, duration_s=4.0)
@@ -158,6 +161,7 @@ def test_a_plane_hears_to_the_horizon():
     assert found.bearing_deg == pytest.approx(90.0, abs=3.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("density_db", "own_db"), [(-60.0, 60.0), (60.0, 48.0)])
 def test_noise_gives_directions_at_the_stated_rate(density_db, own_db):
     array = {
@@ -262,6 +266,7 @@ def test_deviation_of_a_tone_is_the_inverse_information(places):
     assert covariance == pytest.approx(wanted, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_passage_by_four_hydrophones_is_found(samples):
     path = samples / "small-array.wav"
     recording = open_recording(
@@ -305,6 +310,7 @@ def test_options_of_a_line_are_refused():
             record_of(samples, sensor_of(SQUARE), **option)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shape", "limit"),
     [(SQUARE, "MOST_VALUES"), (TETRAHEDRON, "MOST_BEAMS")],

@@ -238,6 +238,7 @@ def leftovers(folder):
     return [p for p in folder.rglob("*") if p.is_file() and p.suffix not in known]
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_with_130_and_resume_goes_on(uwtrack, many):
     lengthen(many, 1, 2, 3)
     running = start_batch(many, "--jobs", "2")
@@ -274,6 +275,7 @@ def workers_of(running, n, limit_s=250):
     pytest.fail("the workers did not start")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGKILL", -9)])
 def test_no_worker_outlives_a_batch_that_is_ended(uwtrack, many, name, code):
     lengthen(many, 1, 2, 3)
@@ -294,6 +296,7 @@ def test_no_worker_outlives_a_batch_that_is_ended(uwtrack, many, name, code):
         assert {row["status"] for row in rows_of("out").values()} <= {"done"}
 
 
+@pytest.mark.slow
 def test_a_worker_without_the_signal_of_its_parents_death_ends_all_the_same(many):
     program = (
         "from uwtrack_cli.flow import executors\n"
@@ -329,6 +332,7 @@ def worker_on(workers, name, limit_s=250):
     pytest.fail(f"no worker opened {name}")
 
 
+@pytest.mark.slow
 def test_a_lost_worker_costs_its_own_file_and_is_replaced(many):
     """Two recordings are endless; whoever works on them is ended, one by one."""
     lengthen(many, 0, 1)
@@ -352,6 +356,7 @@ def test_a_lost_worker_costs_its_own_file_and_is_replaced(many):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -420,6 +425,7 @@ def scheduler_address(path, limit_s=250):
     pytest.fail("the scheduler did not start")
 
 
+@pytest.mark.slow
 def test_a_product_is_made_again_from_its_history(uwtrack, short_pass, tmp_path):
     for name in ("pass.wav", "pass.sensor.toml"):
         (tmp_path / name).write_bytes((short_pass.parent / name).read_bytes())

@@ -34,6 +34,7 @@ def run(folder, program):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_example_passes_and_fails_on_a_change(workplace, program, uwtrack):
     done = run(workplace, program)
     assert done.returncode == 0, done.stderr

@@ -168,6 +168,7 @@ def test_kml_is_valid_and_read_by_fastkml(exported, found):
     assert mark.times.timestamp.dt.isoformat().startswith("2024-05-01T12:02:28")
 
 
+@pytest.mark.slow
 def test_the_name_of_a_recording_is_no_formula(uwtrack, short_pass, tmp_path):
     shutil.copy(short_pass, tmp_path / "=1+1.wav")
     assert (
@@ -208,6 +209,7 @@ def test_a_raven_selection_table_is_read_by_crowsetta(exported):
         assert box.onset < 148.0 < box.offset
 
 
+@pytest.mark.slow
 def test_netcdf_is_opened_by_xarray_with_its_times(exported, found):
     with xr.open_dataset(exported("netcdf"), engine="h5netcdf") as data:
         assert data.attrs["Conventions"].startswith("CF-")
@@ -304,6 +306,7 @@ def test_a_report_tells_results_facts_and_history(page, found):
         assert word in parsed.text
 
 
+@pytest.mark.slow
 def test_names_in_a_report_are_text_and_nothing_more(uwtrack, noise_wav, tmp_path):
     noise_wav.rename(tmp_path / "<script>alert(1)<.wav")
     assert uwtrack("run", "<script>alert(1)<.wav", "-q", "-o", "n.h5").exit_code == 0
@@ -313,6 +316,7 @@ def test_names_in_a_report_are_text_and_nothing_more(uwtrack, noise_wav, tmp_pat
     assert "&lt;script&gt;" in text
 
 
+@pytest.mark.slow
 def test_a_report_of_two_sensors_draws_each_of_them(uwtrack, two_sensors_run, tmp_path):
     fused = two_sensors_run / "two-sensors-h1.fixes.h5"
     assert uwtrack("report", fused, "-o", "two.html").exit_code == 0

@@ -56,6 +56,7 @@ def made_of(samples, rate_hz, recipe):
     return {type(container): container for container in made}
 
 
+@pytest.mark.slow
 def test_a_passage_is_that_of_the_sound_which_scipy_has_slowed_down():
     recipe = load_recipe("vessel")
     slow = resample_poly(passage(), 1, 6)
@@ -87,6 +88,7 @@ def test_levels_are_those_of_the_full_rate():
     np.testing.assert_allclose(one.excess_db, other.excess_db, atol=0.02)
 
 
+@pytest.mark.slow
 def test_history_has_the_decimation_and_live_sound_and_a_rerun_give_the_same(
     uwtrack, tmp_path
 ):

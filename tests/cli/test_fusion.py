@@ -33,6 +33,7 @@ def test_two_sensors_agree_on_one_track_near_the_truth(two_sensors_run):
         assert max(map(abs, error_m)) < allowed
 
 
+@pytest.mark.slow
 def test_options_of_the_recipes_own_step_are_used_and_once_more_in_a_rerun(
     uwtrack, two_sensors_run
 ):
@@ -44,6 +45,7 @@ def test_options_of_the_recipes_own_step_are_used_and_once_more_in_a_rerun(
     assert uwtrack("diff", fused, "again.h5").exit_code == 0
 
 
+@pytest.mark.slow
 def test_runs_of_two_sensors_are_read_as_one_and_made_again(uwtrack, two_sensors_run):
     runs = [two_sensors_run / f"two-sensors-h{k}.run.h5" for k in (1, 2)]
     assert uwtrack("cpa", *runs, "-o", "both.h5").exit_code == 0

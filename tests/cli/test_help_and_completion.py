@@ -78,6 +78,7 @@ def test_a_word_that_is_near_nothing_is_told_where_all_are(uwtrack):
     assert "Did you mean" not in done.stderr
 
 
+@pytest.mark.slow
 def test_bash_completes_commands_options_and_names(tmp_path):
     script = """
         set -eu

@@ -63,6 +63,7 @@ def test_a_terminal_shows_names_and_obeys_none(uwtrack, hostile):
         assert not STEERING.search(done.stdout + done.stderr)
 
 
+@pytest.mark.slow
 def test_a_batch_says_the_names_and_its_report_is_read_back(uwtrack, hostile, tmp_path):
     (tmp_path / "in").mkdir()
     shutil.copy(hostile.parent / NAME, tmp_path / "in" / NAME)
@@ -102,6 +103,7 @@ def test_a_spreadsheet_finds_no_formula(uwtrack, hostile):
             assert ESCAPED in cells
 
 
+@pytest.mark.slow
 def test_maps_and_pages_show_the_names_as_text(uwtrack, hostile):
     for form in ("kml", "geojson"):
         target = hostile.with_name(f"out.{form}")

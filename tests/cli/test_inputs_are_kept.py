@@ -345,6 +345,7 @@ def reads(call):
     return f"{owner}.{function.attr}"
 
 
+@pytest.mark.slow
 def test_nothing_is_opened_for_reading_without_being_noted():
     found = []
     for path, tree in package_modules().items():

@@ -74,6 +74,7 @@ SHOWN = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "name"), [(f, n) for f, names in SHOWN.items() for n in names]
 )
@@ -89,6 +90,7 @@ def test_what_show_prints_of_the_samples_satisfies_its_schema(
         assert not CHECK(json_schema(name)).is_valid(printed)
 
 
+@pytest.mark.slow
 def test_reports_satisfy_their_schemas(uwtrack, products, samples, tmp_path):
     run = products / "pass.run.h5"
     for words, name in (

@@ -61,6 +61,7 @@ def drawn(seed):
     return sound
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed",
     [*range(900, 903), *(pytest.param(k, marks=pytest.mark.long) for k in range(903, 920))],

@@ -51,6 +51,7 @@ def unstated(content):
     return content[:40] + struct.pack("<I", 0xFFFFFFFF) + content[44:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["whole", "unstated", "raw"])
 def test_sound_from_a_pipe_makes_the_product_of_the_file(
     uwtrack, recorded, sound, form
@@ -67,6 +68,7 @@ def test_sound_from_a_pipe_makes_the_product_of_the_file(
     assert verify_product(sound.parent / "live.h5") == []
 
 
+@pytest.mark.slow
 def test_a_followed_file_makes_the_same_product(uwtrack, recorded, sound):
     done = uwtrack("run", "--follow", sound, "--idle-s", "0.3", "-q")
     assert done.exit_code == 0
@@ -87,6 +89,7 @@ def test_a_recipe_with_two_sources_reads_a_pipe_once(uwtrack, sound, tmp_path):
     assert uwtrack("diff", "a.run.h5", "l.h5").exit_code == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sample", "recipe"),
     [
@@ -118,6 +121,7 @@ def test_every_sensor_and_recipe_works_live_with_events(
     assert same.exit_code == 0, same.stdout
 
 
+@pytest.mark.slow
 def test_a_pipe_writes_to_a_pipe(start, sound):
     done = start("run", "-", "-q", **PIPES)
     product, said = done.communicate(sound.read_bytes(), timeout=250)
@@ -187,6 +191,7 @@ PLAIN = ("--recipe", "vessel")
 RAW_FLOATS = ("--raw", "f32le", "--rate-hz", str(RATE))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("output", ["closed", "full"])
 def test_events_that_cannot_be_printed_do_not_cost_the_file(tmp_path, output):
     with open("/dev/full", "wb") as full:  # noqa: PTH123 - a device

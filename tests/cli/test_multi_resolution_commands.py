@@ -41,6 +41,7 @@ def ladder(uwtrack, sound):
     return Path("two.peaks.h5")
 
 
+@pytest.mark.slow
 def test_lines_of_all_rungs_are_one_table(uwtrack, sound, ladder):
     assert uwtrack("track", ladder).exit_code == 0
     assert uwtrack("spectrogram", sound, "-o", "one.spectrogram.h5").exit_code == 0

@@ -23,6 +23,7 @@ def sound(seconds, seed=1, channels=1):
     return 0.1 * noise
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="names are text there")
 def test_a_name_that_is_not_utf_8_goes_through_the_whole_chain(uwtrack, tmp_path):
     name = os.fsdecode(b"p\xff.wav")
@@ -108,6 +109,7 @@ def test_a_header_without_a_length_and_without_sound_has_none(tmp_path):
             open_recording(path, allow_truncated=True)
 
 
+@pytest.mark.slow
 def test_a_product_of_such_a_recording_is_that_of_the_whole_one(uwtrack, tmp_path):
     soundfile.write(tmp_path / "a.wav", sound(10), RATE, subtype="PCM_16")
     shutil.copy(tmp_path / "a.wav", tmp_path / "b.wav")

@@ -132,12 +132,14 @@ def test_verify_tells_a_sound_file_from_a_damaged_one(uwtrack, product, tmp_path
     assert "damaged.h5: ok" not in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
 def test_a_page_is_drawn(uwtrack, product, tmp_path, suffix):
     assert uwtrack("plot", product, "-o", f"pass.{suffix}").exit_code == 0
     assert (tmp_path / f"pass.{suffix}").stat().st_size > 20_000
 
 
+@pytest.mark.slow
 def test_a_product_comes_through_a_pipe_and_goes_on_through_one(
     uwtrack, product, tmp_path
 ):
@@ -193,6 +195,7 @@ def test_quiet_says_nothing(uwtrack, noise_wav):
     assert done.output == ""
 
 
+@pytest.mark.slow
 def test_an_interrupt_that_python_could_not_pass_on_is_not_lost():
     import gc
     import signal

@@ -80,6 +80,7 @@ def seconds_of_passages(uwtrack, folder):
     return [(time - START).total_seconds() for time in zone]
 
 
+@pytest.mark.slow
 def test_a_day_has_a_row_for_each_vessel_also_at_midnight(recorder, day, tmp_path):
     (tmp_path / "day").mkdir()
     for k in range(22):  # the third vessel is not there yet
@@ -105,6 +106,7 @@ def test_a_day_has_a_row_for_each_vessel_also_at_midnight(recorder, day, tmp_pat
     assert recorder("diff", part, "again.h5").exit_code == 0
 
 
+@pytest.mark.slow
 def test_bad_files_and_a_clock_set_back_cost_no_passage(recorder, day, tmp_path):
     bad = tmp_path / "bad"
     shutil.copytree(day, bad)

@@ -43,6 +43,7 @@ def test_track_and_trace_say_what_they_would_have_found(uwtrack, spectrogram):
     assert stated == pytest.approx(float(measured[1]), rel=0.06)
 
 
+@pytest.mark.slow
 def test_a_run_says_it_when_details_are_asked_for(uwtrack, short_pass):
     command = ["run", short_pass, "--recipe", "vessel", "--stop-s", 20]
     loud = uwtrack(*command, "-o", "a.h5", "-v", "--set",

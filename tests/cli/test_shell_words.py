@@ -28,6 +28,7 @@ def code_unread(folder, *words):
     return done.returncode
 
 
+@pytest.mark.slow
 def test_an_exit_code_that_is_an_answer_survives_a_closed_pipe(
     tmp_path, short_run, timed_run
 ):

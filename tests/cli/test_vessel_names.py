@@ -68,6 +68,7 @@ def named(uwtrack, short_pass, ais):
     return done
 
 
+@pytest.mark.slow
 def test_a_name_reaches_every_output_of_a_run(uwtrack, named, short_pass, ais):
     (row,) = json.loads(named.stdout)
     assert row["vessel"]["name"] == "FERRY"
@@ -94,6 +95,7 @@ def test_a_name_reaches_every_output_of_a_run(uwtrack, named, short_pass, ais):
     assert uwtrack("diff", "pass.run.h5", "again.h5").exit_code == 0
 
 
+@pytest.mark.slow
 def test_a_report_names_what_was_found_without_a_table(uwtrack, timed_run, ais):
     done = uwtrack("report", timed_run, "-o", "named.html", "--ais", ais)
     assert done.exit_code == 0, done.output
@@ -101,6 +103,7 @@ def test_a_report_names_what_was_found_without_a_table(uwtrack, timed_run, ais):
         assert "FERRY" in file.read()
 
 
+@pytest.mark.slow
 def test_a_batch_names_and_makes_again_what_another_table_named(
     uwtrack, samples, short_pass, ais, tmp_path
 ):
@@ -152,6 +155,7 @@ def test_a_table_of_another_time_is_told_with_its_times(
     assert f"no passage has a name: {told}" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_passage_without_a_place_keeps_its_row(uwtrack, samples, ais):
     words = ["run", samples / "mono.wav", "--recipe", "vessel", "-o", "mono.run.h5"]
     assert uwtrack(*words, "-q").exit_code == 0

@@ -145,12 +145,14 @@ def test_the_order_of_the_told_targets_changes_their_numbers_only():
         np.testing.assert_allclose(first.state, second.state, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_target_that_crosses_at_10_degrees_takes_no_track_over():
     """In 23 of 200 it does where only one of them is followed."""
     taken = sum(ends_of_both(seed, 10.0) != [0, 1] for seed in range(200))
     assert binomial_interval(taken, 200)[1] <= 0.02
 
 
+@pytest.mark.slow
 def test_tracks_that_begin_by_themselves_cross_without_a_takeover_or_a_loss():
     before, crossed, swapped = 18, 0, 0
     for seed in range(100):
@@ -193,6 +195,7 @@ def test_targets_are_found_and_counted_nearly_as_if_their_starts_were_told():
     assert np.mean(np.array(excess) != 0) < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("density", "detection", "rate"), [(1e-5, 0.9, 100.0), (3e-5, 0.6, 100.0)]
 )

@@ -23,6 +23,7 @@ def _decide(contacts, navigation, **options):
     )
 
 
+@pytest.mark.slow
 def test_the_source_is_found_moving_at_the_published_rate():
     found = [_decide(*_case(seed=seed)).verdict[0] for seed in range(30)]
     assert sum(verdict == "first moves" for verdict in found) >= 27
@@ -97,6 +98,7 @@ def test_own_ship_heading_for_the_repeater_is_reported_as_unobservable():
     assert across.observable[0, 0]
 
 
+@pytest.mark.slow
 def test_a_source_that_turns_as_the_repeater_separates_is_found():
     scene = RepeaterScene(aspect_deg=60.0, range_m=400.0, interval_s=1.0, turns=True)
     models = ContactFilters(acceleration_std_mps2=1.0, manoeuvre_std_mps2=10.0)
@@ -108,6 +110,7 @@ def test_a_source_that_turns_as_the_repeater_separates_is_found():
     assert "may have manoeuvred" in steady.reasons(0)["verdict"]
 
 
+@pytest.mark.slow
 def test_own_ships_turn_between_rows_of_her_navigation_rejects_no_right_reading():
     clock = np.arange(0.0, 90.5, 0.5)
     course = np.deg2rad(90.0) * np.clip((clock - 66.0) / 4.0, 0.0, 1.0)
@@ -152,6 +155,7 @@ def test_own_ships_turn_between_rows_of_her_navigation_rejects_no_right_reading(
         assert sum(verdict == "first moves" for verdict in verdicts) >= 18
 
 
+@pytest.mark.slow
 def test_two_vessels_near_by_are_both_found_moving():
     scene = RepeaterScene(
         aspect_deg=40.0, range_m=400.0, interval_s=1.0, turns=True,
@@ -168,6 +172,7 @@ def test_two_vessels_near_by_are_both_found_moving():
     assert "both contacts move" in decision.statements[0]
 
 
+@pytest.mark.slow
 def test_a_source_and_its_repeater_are_hardly_ever_called_anything_else():
     for scene in (RepeaterScene(aspect_deg=80.0), SCENE):
         found = [

@@ -45,6 +45,7 @@ def test_errors_of_many_pairs_are_those_accepted(data, has_history, motion):
     _rows_hold(1000, 2000, data, has_history, motion)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", [SCENE, RepeaterScene(aspect_deg=80.0)])
 @pytest.mark.parametrize("has_history", [True, False])
 def test_the_expected_number_of_scans_is_the_number_taken(scene, has_history):
@@ -63,6 +64,7 @@ def test_the_expected_number_of_scans_is_the_number_taken(scene, has_history):
     assert abs(expected - taken.mean()) < 0.5 + spread
 
 
+@pytest.mark.slow
 def test_two_vessels_are_named_with_an_earlier_contact_as_often_as_without():
     named = [two_vessels(40, 20, has_history=h)["both move"] for h in (True, False)]
     assert named[0] >= named[1] - 2

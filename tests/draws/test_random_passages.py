@@ -61,6 +61,7 @@ def test_drawn_values_cover_their_ranges():
         assert share == pytest.approx(0.5, abs=0.1), key
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_a_drawn_recording_can_be_made_and_is_finite(seed):
     scenario = draw_scenario(

@@ -20,6 +20,7 @@ def n_open_files():
     return h5py.h5f.get_obj_count(h5py.h5f.OBJ_ALL, h5py.h5f.OBJ_FILE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("owner", "name", "call"),
     [(ProductStore, "__init__", 1), (ProductStore, "append", 1),

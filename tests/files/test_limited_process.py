@@ -78,6 +78,7 @@ def test_what_goes_wrong_is_a_sentence(what, reason):
         run(what)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("what", "seconds"), [("spin", 0.3), ("wait", 0.2)])
 def test_time_is_limited_and_nothing_is_left_behind(what, seconds):
     begin, before = time.monotonic(), children()

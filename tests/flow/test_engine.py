@@ -68,6 +68,7 @@ def test_a_run_is_the_library(short_pass, by_library):
         assert found.equals(by_library[kind]), kind.__name__
 
 
+@pytest.mark.slow
 def test_the_commands_one_by_one_are_the_library(uwtrack, short_pass, by_library):
     sound = short_pass
     Path(sound.name).symlink_to(sound)  # `cpa` asks the sound beside the product

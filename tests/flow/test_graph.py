@@ -127,6 +127,7 @@ def two_vessels():
     return replace(lined, vessels=(*lined.vessels, *other.vessels))
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uwtrack_cli.errors.UwtrackWarning")
 @pytest.mark.parametrize("name", shipped_recipes())
 def test_every_step_of_a_shipped_recipe_changes_the_result(short_pass, samples, name):
@@ -297,6 +298,7 @@ def test_the_first_source_begins_whatever_ends_earlier():
     assert made[1:4] == ["short"] * 3
 
 
+@pytest.mark.slow
 def test_results_of_a_step_keep_its_name_in_the_product(tmp_path):
     recipe = Recipe.from_toml("two", TWO_RUNGS)
     recording = recording_of(tones(), RATE_HZ)
@@ -316,6 +318,7 @@ def test_results_of_a_step_keep_its_name_in_the_product(tmp_path):
     assert steps["cpa"].inputs == ("track",)
 
 
+@pytest.mark.slow
 def test_a_product_of_branches_is_made_again_from_its_history(uwtrack, short_pass):
     Path("two.toml").write_text(TWO_BRANCHES, encoding="utf-8")
     words = ["--recipe", "two.toml", "--stop-s", 40, "-o", "p.run.h5"]
@@ -390,6 +393,7 @@ COMMANDS_OF_ONE_RESULT = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", COMMANDS_OF_ONE_RESULT)
 def test_a_command_asks_for_the_branch_and_takes_it(words, uwtrack, branched, samples):
     shutil.copy(samples / "pass.truth.json", ".")
@@ -414,6 +418,7 @@ def test_a_branch_is_carried_on(uwtrack, branched):
         assert located.history[-1].inputs == ("h1",)
 
 
+@pytest.mark.slow
 def test_a_command_on_a_run_is_made_again_with_its_own_options(uwtrack, short_pass):
     Path("one.toml").write_text("[spectrogram]\n[peaks]\n[track]\n[cpa]\n")
     uwtrack("run", short_pass, "--recipe", "one.toml", "-o", "p.run.h5")
@@ -495,6 +500,7 @@ def test_the_graph_of_a_recipe_is_drawn(uwtrack, name):
     assert "<svg" in Path(f"{name}.svg").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_product_of_single_commands_is_made_again(uwtrack, short_pass):
     for words in (
         ("spectrogram", short_pass, "--stop-s", 40, "-o", "p.spectrogram.h5"),

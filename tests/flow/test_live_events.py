@@ -103,6 +103,7 @@ def test_no_sound_waits_for_frames_that_are_longer(told):
     assert max(told[2]) <= 2.0
 
 
+@pytest.mark.slow
 def test_the_file_is_that_of_the_sound_run_at_once(told, uwtrack):
     folder = told[1]
     start = ("--start-utc", "2024-05-01T12:00:00Z", "-q")

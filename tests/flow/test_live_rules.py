@@ -40,6 +40,7 @@ def test_an_event_is_told_again_where_its_time_and_lines_are_the_same():
     assert live_events._nearest(passage(103.0, lines=()), known) is known[1]
 
 
+@pytest.mark.slow
 def test_passages_are_paired_the_nearest_first_and_one_to_one():
     rng = np.random.default_rng(1)
     for _ in range(40):

@@ -384,6 +384,7 @@ REAL = Path(os.environ.get("UWTRACK_REAL_DATA", "/nonexistent"))
 SOLENT = REAL / "ais" / "SolentAIS_20160112_130211.csv"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not SOLENT.exists(), reason="UWTRACK_REAL_DATA is not set")
 def test_real_ais_passages_are_the_least_geodesic_distances():
     truth = read_ais(SOLENT)

@@ -95,6 +95,7 @@ def test_bearings_come_through_radio_clock_wow_and_jitter(rough):
     assert after[there].std() < 1.05 * before[there].std()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bearing_deg", [20.0, 250.0])
 def test_bearings_of_lines_come_through_the_radio(bearing_deg):
     direct = held(line_scene(1, 120.0, bearing_deg))
@@ -225,6 +226,7 @@ def test_the_clock_is_told():
     assert clock.mean() == pytest.approx(-80.0, abs=2.0)
 
 
+@pytest.mark.slow
 def test_a_clock_error_that_is_told_is_taken_off(uwtrack, tmp_path):
     time_s = np.arange(22 * RATE) / RATE * (1.0 + 1e-3)
     phase = 2.0 * np.pi * 7500.0 * time_s
@@ -357,6 +359,7 @@ def test_a_file_without_pilots_is_a_gap_among_others():
     assert lock_of(joined)[0].locked_share == pytest.approx([1, 1, 1, 1, 0, 0, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("dipoles", "offset_deg"),
     [(["north", "-east"], 7.0), (["north", "east"], 0.0), (["east", "north"], -5.0)],

@@ -184,6 +184,7 @@ def test_what_cannot_be_joined_is_refused():
         join_rungs([one, other])
 
 
+@pytest.mark.slow
 def test_lines_that_sweep_lose_nothing_by_the_ladder():
     scene = SCENES["sweeps of 2 bins a frame"](np.random.default_rng([4242, 7]))
     rungs = rungs_of(scene, 4242)

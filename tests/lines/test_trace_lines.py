@@ -94,6 +94,7 @@ def test_false_lines_in_noise_come_at_the_stated_rate() -> None:
     assert count <= poisson.ppf(0.999, 1.2 * expected)
 
 
+@pytest.mark.slow
 def test_noise_in_longer_frames_is_the_same_noise_in_another_unit_of_time() -> None:
     """Samples at a rate and in frames so many times slower hold the same kHz hours."""
     noise = noise_recording(12, 0.1)

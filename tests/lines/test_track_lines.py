@@ -82,6 +82,7 @@ def test_the_cut_into_blocks_changes_no_bit(initiation: str) -> None:
         assert Lines.join(out).equals(whole), block
 
 
+@pytest.mark.slow
 def test_what_is_known_so_far_is_what_the_end_would_give() -> None:
     """Asked within a chunk, behind one and behind two; asking changes nothing."""
     frequency, bearing = vessel()
@@ -233,6 +234,7 @@ def test_eight_lines_that_fade_keep_their_numbers() -> None:
         assert np.mean(own == np.median(own)) >= 0.97
 
 
+@pytest.mark.slow
 def test_a_steady_line_is_known_far_better_than_a_frame() -> None:
     frequency = np.full((400, 1), 150.0)
     std_hz = 0.1
@@ -392,6 +394,7 @@ def test_false_lines_in_sound_come_near_the_stated_rate(kept: float) -> None:
     assert poisson.ppf(0.001, stated / 3.0) <= count <= poisson.ppf(0.999, stated)
 
 
+@pytest.mark.slow
 def test_sharp_edges_of_the_noise_are_no_lines() -> None:
     found = 0
     for step_db in (10.0, 30.0):
@@ -415,6 +418,7 @@ def test_half_a_decibel_above_the_published_snr_most_lines_are_heard() -> None:
     assert sum(heard) > 9
 
 
+@pytest.mark.slow
 def test_a_line_of_the_stated_weakest_snr_is_heard_about_every_other_time() -> None:
     blocks, _ = minute(-80.0, 0)
     weakest_db = score(blocks).weakest_line_snr_db

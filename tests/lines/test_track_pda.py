@@ -75,6 +75,7 @@ def test_the_blocks_in_which_frames_arrive_do_not_change_a_bit(blocks):
         np.testing.assert_array_equal(getattr(cut, name), getattr(whole, name))
 
 
+@pytest.mark.slow
 def test_noise_alone_starts_as_many_lines_as_with_the_plain_tracker():
     counts = [noise_lines(0.1, seed) for seed in range(2)]
     plain = sum(c["track"] for c in counts)
@@ -84,6 +85,7 @@ def test_noise_alone_starts_as_many_lines_as_with_the_plain_tracker():
     assert ours <= 2 * 8.3
 
 
+@pytest.mark.slow
 def test_weak_tones_are_covered_in_no_more_pieces_than_with_the_plain_tracker():
     found = [passage(3.0, 0.1, seed) for seed in (1, 2)]
     cover = [np.mean([f[t].cover for f in found]) for t in ("track", "track-pda")]

@@ -99,6 +99,7 @@ def assert_same(slow: Lines, usual: Lines, *, exact: bool = True) -> None:
     assert np.array_equal(ours.n_members, theirs.n_members)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["score", "count", "pda"])
 def test_lines_of_slower_peaks_are_the_same(how: str) -> None:
     peaks = scene(1, has_bearings=True)

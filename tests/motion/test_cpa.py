@@ -38,6 +38,7 @@ def reasons(found, row=0):
     return found.reasons(row)
 
 
+@pytest.mark.slow
 def test_lines_and_levels_give_the_whole_passage():
     turn = -1  # the other side is that of the mirrored track
     scene = replace(SCENE, turn=turn)
@@ -174,6 +175,7 @@ def test_a_mirrored_track_gives_a_mirrored_encounter():
     assert two.speed_mps[0] == pytest.approx(one.speed_mps[0], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_gain_moves_levels_only():
     rng = np.random.default_rng(10)
     lines, levels = lines_of_scenes([SCENE], rng), levels_of_scene(SCENE, rng)
@@ -237,6 +239,7 @@ def test_levels_that_end_before_the_closest_approach_are_extrapolated():
     assert abs(found.time_s[0] - scene.closest_s) < 4 * found.time_std_s[0]
 
 
+@pytest.mark.slow
 def test_a_table_of_frequencies_works_like_lines():
     lines = lines_of_scenes([SCENE], np.random.default_rng(14))
     n = 600
@@ -277,6 +280,7 @@ def test_frames_that_blur_a_fast_passage_are_pointed_out():
     assert found.status.tolist() == ["ok"]
 
 
+@pytest.mark.slow
 def test_frames_advised_for_a_slow_distant_passage_are_at_most_eight_seconds():
     scene = Scene(
         speed_mps=2.6, range_m=900.0, rest_hz=(63.0,), length_s=1800.0, closest_s=900.0
@@ -294,6 +298,7 @@ def test_frames_advised_for_a_slow_distant_passage_are_at_most_eight_seconds():
     assert find_encounters(whole, sensor=DIFAR).status.tolist() == ["ok"]
 
 
+@pytest.mark.slow
 def test_what_is_left_of_another_vessels_pull_widens_the_course():
     other = Scene(
         speed_mps=4.0, range_m=180.0, rest_hz=(81.0,), closest_s=310.0,

@@ -35,6 +35,7 @@ def test_the_false_alarm_rate_is_not_above_the_stated_one():
         assert low <= stated, f"stated {stated:.1%}, {low:.2%} to {high:.2%}"
 
 
+@pytest.mark.slow
 def test_a_hump_is_found_at_the_threshold_that_noise_does_not_reach():
     shares = {
         ratio: np.mean([hump_claims(k, ratio, (1e-3,)) for k in range(6)])

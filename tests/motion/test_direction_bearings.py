@@ -79,6 +79,7 @@ def test_single_false_directions_are_no_contact():
     assert series.time_s.size >= 195
 
 
+@pytest.mark.slow
 def test_a_contact_with_lines_has_the_source_beside_them():
     """A louder vessel elsewhere, heard in every frame, is not the one that passes."""
     rng = np.random.default_rng(4)

@@ -24,6 +24,7 @@ def analyse(nuisances, name="S1-T1"):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind", [pytest.param("AR(1) 0.9", marks=pytest.mark.long), "all"]
 )

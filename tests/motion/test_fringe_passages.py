@@ -28,6 +28,7 @@ def passing(request):
     return fringes_of(frequency, power), ship.time_s, width_s
 
 
+@pytest.mark.slow
 def test_a_vessel_without_a_line_is_told_by_its_fringes(passing):
     fringes, time_s, width_s = passing
     table = find_encounters(fringes=fringes)
@@ -50,6 +51,7 @@ def test_proposals_gain_most_at_the_passage(passing):
     assert gain[near].max() > max(20.0, 3.0 * gain[far].max())
 
 
+@pytest.mark.slow
 def test_a_line_of_the_vessel_hides_nothing_of_its_fringes():
     frequency, power, ship = draw_power(6000, is_deep=True)
     sensor_m = scene(6000, is_deep=True)[2].sensor_m
@@ -65,6 +67,7 @@ def test_a_line_of_the_vessel_hides_nothing_of_its_fringes():
     assert abs(one.passage.width_s / width_s - 1.0) < 0.05
 
 
+@pytest.mark.slow
 def test_a_later_recording_has_its_passage_later():
     frequency, power, _ = draw_power(22, is_deep=True)
     fringes = fringes_of(frequency, power)
@@ -74,6 +77,7 @@ def test_a_later_recording_has_its_passage_later():
     assert other.passage.width_s == pytest.approx(one.passage.width_s, rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "seed"),
     [("rain", 21), ("throttle", 21), ("leaving ship", 21), ("swinging machine", 7194)],
@@ -121,6 +125,7 @@ def test_a_channel_in_which_no_comb_stands_out_tells_no_delay():
     assert not one.mirror.is_evident
 
 
+@pytest.mark.slow
 def test_a_passage_that_levels_tell_is_confirmed_by_the_pattern_at_its_law(evident):
     fringes, ship, sensor = evident
     width_s = ship.slant_m(sensor.depth_m) / ship.speed_mps

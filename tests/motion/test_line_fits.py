@@ -1,6 +1,7 @@
 """Why fits use raw measurements: coverage of a Doppler fit, raw and smoothed."""
 
 import numpy as np
+import pytest
 from scipy.optimize import curve_fit
 
 from tests.lines.line_scenes import doppler, line_peaks, some_frames
@@ -39,6 +40,7 @@ def coverage(runs: int) -> tuple[float, float]:
     return float(inside[:, 0].mean()), float(inside[:, 1].mean())
 
 
+@pytest.mark.slow
 def test_raw_measurements_hold_their_intervals_and_smoothed_states_do_not() -> None:
     raw, smoothed = coverage(10)
     # 40 intervals: two deviations of 0.95 are 0.07

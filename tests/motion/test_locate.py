@@ -151,6 +151,7 @@ def test_three_sensors_give_smaller_deviations_than_two():
     assert np.trace(three.covariance_m2[0]) < np.trace(two.covariance_m2[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("position_std_m", "clock_std_s"), [(0.0, 0.0), (15.0, 0.0), (0.0, 2.0)]
 )

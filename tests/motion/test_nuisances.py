@@ -24,6 +24,7 @@ def deviations(draws):
     return np.array([np.abs(d.error) / d.std for d in draws])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["overhead", "near, no line"])
 def test_intervals_hold_when_the_truth_is_drawn_from_what_is_told(kind):
     """Errors of 8 drawn passages; coverage of many is in tests/acceptance."""

@@ -41,6 +41,7 @@ def passing():
     return ratio, SCENE.range_m / distance
 
 
+@pytest.mark.slow
 def test_lines_too_weak_to_be_followed_tell_time_width_and_speed():
     lines = machine()  # all that a tracker has
     levels = levels_of_scene(
@@ -78,6 +79,7 @@ def machine():
 LAG_S = TIME - SCENE.closest_s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "ratio",
     [
@@ -90,6 +92,7 @@ def test_lines_that_rise_and_fall_by_another_movement_are_no_passage(ratio):
     assert own_time_passages(heard(ratio, passing()[1]), 1500.0) == []
 
 
+@pytest.mark.slow
 def test_a_movement_whose_levels_stay_is_no_passage():
     assert own_time_passages(heard(passing()[0], np.ones(TIME.size)), 1500.0) == []
 

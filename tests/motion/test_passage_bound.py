@@ -144,6 +144,7 @@ def test_the_search_finds_the_optimum_whatever_the_side(seed):
     assert abs(start.theta[0, 0] - scene.closest_s) < 1.0
 
 
+@pytest.mark.slow
 def test_error_bars_hold_when_the_shaft_wanders():
     scene = Scene(rest_hz=(63.0, 126.0, 189.0, 310.0), jitter=1e-3)
     scores = []

@@ -160,6 +160,7 @@ def test_in_water_and_beside_lines_nothing_is_considered():
     assert consider_directivity(fit, blocks) is fit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_one_sided", [True, False])
 def test_lines_beside_a_level_of_unknown_pattern_are_as_wrong_as_stated(is_one_sided):
     """Neither more nor less, where patterns are drawn; without them, several times."""

@@ -67,6 +67,7 @@ def reasons(made):
     }
 
 
+@pytest.mark.slow
 def test_levels_are_those_of_the_source_within_their_deviations():
     deviations, size = [], []
     for seed in range(12):

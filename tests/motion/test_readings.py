@@ -75,6 +75,7 @@ def test_the_partials_of_two_legs_are_those_of_differences():
         assert np.abs(exact[:, row] - slope).max() < 1e-7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "seed"),
     [("jitter", 4), ("frequency-step", 4), ("frequency-ramp", 1),
@@ -94,6 +95,7 @@ def test_a_passage_is_read_as_it_was_drawn(kind, seed):
         assert found.change_time_std_s[0] < 2.5  # a quarter of d/v
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "seed"), [("turn", 2), ("frequency-step", 4), ("frequency-ramp", 1)]
 )
@@ -106,6 +108,7 @@ def test_the_curve_of_a_page_follows_what_changed(kind, seed):
     assert np.sqrt(np.nanmean(scaled**2)) < 1.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "seed"), [("turn", 2), ("turn", 7), ("speed-change", 4)]
 )

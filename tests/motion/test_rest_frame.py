@@ -57,6 +57,7 @@ def found_with(shift, loudness):
 TIME = np.arange(int(SCENE.length_s * RATE_HZ)) / RATE_HZ
 
 
+@pytest.mark.slow
 def test_the_sound_of_a_passage_is_steadier_in_the_vessels_own_time():
     found = found_with(*shift_at(TIME))
     assert found.status.tolist() == ["ok"]
@@ -142,6 +143,7 @@ def test_lines_that_are_not_in_the_sound_have_no_tones():
     assert heard.evidence["tones"] > 100.0
 
 
+@pytest.mark.slow
 def test_without_the_sound_the_passage_stands_and_says_so():
     """Its reader cannot go back."""
     sound = np.zeros(int(SCENE.length_s * RATE_HZ))

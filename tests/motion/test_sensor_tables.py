@@ -26,6 +26,7 @@ def errors(fixes, place, velocity):
     return np.hypot(*off), off @ np.linalg.solve(fixes.covariance_m2[0], off)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("told", "count"), [(True, 5), (False, 2)])
 def test_four_drifting_buoys_with_offsets_and_outliers_give_one_place(told, count):
     square, size = [], []
@@ -53,6 +54,7 @@ def test_a_still_source_has_a_fix_and_the_offsets_are_told():
     assert motions.reference.tolist() == ["b0"]
 
 
+@pytest.mark.slow
 def test_a_source_at_rest_is_read_as_still_and_one_that_moves_as_moving():
     for seed in (3, 11):
         series, place, _, _ = buoys(seed, moving=False, rows=40)
@@ -104,6 +106,7 @@ def test_bearings_of_one_moment_tell_a_place_whose_ellipse_grows_as_a_vessel_may
     assert np.count_nonzero(np.array(square) > 5.99) < 5
 
 
+@pytest.mark.slow
 def test_the_order_of_rows_and_the_origin_of_the_grid_do_not_matter():
     series, *_ = buoys(5)
     mixed = series.take("row", np.random.default_rng(1).permutation(series.time_s.size))
@@ -158,6 +161,7 @@ def circling(seed, *, strange, n_other):
 
 
 # in the second the scatter of all bearings together is 51 degrees, ten times the source's
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "strange", "n_other"),
     [

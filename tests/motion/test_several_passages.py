@@ -50,6 +50,7 @@ def errors(found, scenes):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "has_bearing"), [*((name, True) for name in CROWDS), ("three", False)]
 )
@@ -81,6 +82,7 @@ def test_one_passage_under_another_law_of_spreading_is_one(spreading_db, has_bea
     assert find_encounters(None, levels, DIFAR).n_encounters == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("has_bearing", [False, True], ids=["omni", "vector"])
 def test_a_background_that_drifts_is_no_vessel(has_bearing):
     for seed in range(2):
@@ -91,6 +93,7 @@ def test_a_background_that_drifts_is_no_vessel(has_bearing):
         assert not np.isfinite(found.time_s).any()
 
 
+@pytest.mark.slow
 def test_a_vessel_without_lines_is_found_beside_one_with_lines():
     scenes, snrs_db = crowd("apart")
     rng = np.random.default_rng(6)

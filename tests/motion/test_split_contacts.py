@@ -27,6 +27,7 @@ def one_contact(lines):
     return replace(lines, line_contact=np.ones(lines.line_id.size, np.int64))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_two_vessels_on_like_courses_in_one_contact_are_told_apart(seed):
     lines = lines_of_scenes([FIRST, SECOND], np.random.default_rng(seed))
@@ -55,6 +56,7 @@ def test_one_vessel_stays_one_though_its_shaft_wanders(jitter):
     assert found.rest_frequency_hz.size == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [960003, pytest.param(960108, marks=pytest.mark.long)])
 def test_two_vessels_in_one_contact_of_a_table_are_told_apart(seed):
     """Their bearings and levels are sums, which neither is told from."""
@@ -71,6 +73,7 @@ def test_two_vessels_in_one_contact_of_a_table_are_told_apart(seed):
     assert sorted(rest) == sorted(owners)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "seed"), [("turn", 952004), ("frequency-step", 952002)]
 )

@@ -196,6 +196,7 @@ def drift():
     return np.ones((8, 1)) * (10 ** (level_db / 10) - 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("made", "rival"),
     [
@@ -239,6 +240,7 @@ def test_parts_that_rise_apart_are_no_passage():
     assert told.probability < 0.01
 
 
+@pytest.mark.slow
 def test_a_bearing_that_turns_needs_no_parts():
     """Of a vector sensor the bearings tell that something passes."""
     levels = levels_of(1 + rain())
@@ -269,6 +271,7 @@ CROSSING = Scene(speed_mps=6.0, range_m=60.0, closest_s=118.0, length_s=240.0,
                  rest_hz=(120.0,))  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("late_s", "n_found"), [(0.0, 1), (45.0, 0)])
 def test_a_line_and_a_rise_that_are_in_doubt_are_judged_together(late_s, n_found):
     """A line whose level hardly follows, and a rise in three parts of eight: each by

@@ -150,6 +150,7 @@ def test_many_starts_find_the_minimum_that_the_truth_leads_to(name, rows):
         assert found.value[0] < value + 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "noise"), [("S1-T2", 1), ("S2", 5), ("S3", 1)])
 def test_recursive_estimates_follow_the_batch(name, noise):
     problem = make_problem(make_scenario(name), noise=noise, runs=1, seed=12)
@@ -232,6 +233,7 @@ def test_a_simplex_finds_the_end_of_rosenbrocks_valley_as_fast_as_scipys():
         assert found.evaluations[row] < 1.5 * peer.nfev
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "loss",
     [*(pytest.param(name, marks=pytest.mark.long) for name in ("huber", "student")),

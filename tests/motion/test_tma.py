@@ -239,6 +239,7 @@ def test_an_empty_table_of_contacts_gives_an_empty_answer():
     assert isinstance(empty, Motions)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", ["recursive", "genetic", "annealing"])
 def test_every_solver_finds_what_the_descent_finds(solver):
     ours = analyse("S1-T3", options={"solver": solver, "updates": 5})

@@ -478,6 +478,7 @@ def test_contacts_differ_for_colour_blind_readers(kind):
     assert apart[~np.eye(len(seen), dtype=bool)].min() > 4 * 2.3
 
 
+@pytest.mark.slow
 def test_a_document_has_every_page_and_a_passage_a_name_of_its_own(product, tmp_path):
     called("plot", product, "-o", tmp_path / "a.pdf")
     assert len(re.findall(rb"/Type /Page\b", (tmp_path / "a.pdf").read_bytes())) == 2
@@ -538,6 +539,7 @@ def test_a_lofargram_of_the_sound_fits_its_length():
     assert np.ptp(low) < 4.0  # 1.5 Hz wide, where a window of 0.16 s had 9 Hz
 
 
+@pytest.mark.slow
 def test_short_and_empty_products_have_pages(containers):
     none = [c.take("encounter", slice(0)) if isinstance(c, Encounters) else c
             for c in containers]  # fmt: skip
@@ -618,6 +620,7 @@ def test_rates_lie_on_the_spectrum_of_their_envelope():
     assert not labelled(alone.draw(View()), "frequency (Hz)")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["png", "svg", "pdf"])
 def test_a_page_is_the_same_file_again_and_says_what_it_shows(product, tmp_path, form):
     made = []

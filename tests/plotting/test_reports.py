@@ -150,6 +150,7 @@ def test_a_folder_is_reported_by_the_command(uwtrack, noise_wav, tmp_path):
     assert uwtrack("report", ".", "--step", "cpa", "-o", "b.html").exit_code == 2
 
 
+@pytest.mark.slow
 def test_a_folder_leads_to_the_pages_of_its_passages(uwtrack, timed_run, tmp_path):
     """Each passage has a picture, a link to the page of its product, and its sound."""
     shutil.copy(timed_run, tmp_path / "a.run.h5")
@@ -242,6 +243,7 @@ def test_what_a_report_would_not_use_is_refused(
     assert not (tmp_path / "r.html").exists()
 
 
+@pytest.mark.slow
 def test_a_report_carries_the_sound_of_a_passage(uwtrack, timed_run, tmp_path):
     done = uwtrack("report", timed_run, "--sound", "--speed-up", "4", "-o", "r.html")
     assert done.exit_code == 0, done.output

@@ -287,6 +287,7 @@ def test_what_was_not_looked_for_is_named_where_no_vessel_was_found(uwtrack, sam
     assert not any(envelope in text for text in looked)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "named"),
     [
@@ -312,6 +313,7 @@ def test_every_place_that_finds_nobody_names_what_to_try(uwtrack, words, named):
         assert named in flat
 
 
+@pytest.mark.slow
 def test_a_vessel_without_lines_is_told_by_its_blades(uwtrack, ran):
     said = " ".join(ran.stderr.split())
     assert "no closest approach; shaft and blades of a vessel are detected" in said
@@ -366,6 +368,7 @@ def test_the_kinds_are_those_of_the_schema(uwtrack):
     assert schema["items"]["properties"]["kind"]["enum"] == list(KINDS)
 
 
+@pytest.mark.slow
 def test_a_vector_sensor_gives_the_bearing_of_the_blades():
     time = clock(180.0)
     bearing = np.radians(70.0)

@@ -62,6 +62,7 @@ def test_reader_survives_pickling():
     assert np.array_equal(one, np.concatenate(list(again(500))))
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_length_of_the_recording():
     peaks = []
     for duration_s in (100.0, 1000.0):

@@ -35,10 +35,12 @@ def check(found):
     assert found["peak_mb"] < 1024.0
 
 
+@pytest.mark.slow
 def test_sixty_mutants_are_met_with_a_sentence(base):
     check(meet(base, 0, 60, 280))
 
 
+@pytest.mark.slow
 def test_products_with_a_checksum_written_anew_are_met_with_a_sentence(base):
     check(meet(base, 0, 8, 280, "forged"))
 

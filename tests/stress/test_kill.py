@@ -145,6 +145,7 @@ def kill_at_random(begin, folder, command, n_kills, seed):
     return n_placed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_killed_command_leaves_whole_files_or_none(begin, place, command):
     kill_at_random(begin, place, command, 2, 1)

@@ -66,6 +66,7 @@ def test_one_scan_gives_what_q2_promises_and_the_small_region_less(variance):
         assert found["two-step lit"].true < found["prior"].true - 0.2
 
 
+@pytest.mark.slow
 def test_the_study_computes_another_seed_changes_its_figures():
     first, second = (study_clutter(runs=4, seed=seed) for seed in (1, 2))
     assert [r.reference for r in first.rows] != [r.ours for r in first.rows]

@@ -7,6 +7,7 @@ from studies import demon_study
 from studies.demon_study import SCENES, cavitation, study_demon
 
 
+@pytest.mark.slow
 def test_the_vessel_is_found_and_its_shaft_is_right(monkeypatch):
     monkeypatch.setattr(demon_study, "NOISE_S", 120.0)
     study = study_demon(runs=1, seed=4)

@@ -53,6 +53,7 @@ def test_the_sequential_test_errs_less_than_one_of_fixed_length():
     assert (found.decision > 0).mean() < 0.5 * found.fixed_wrong.mean()
 
 
+@pytest.mark.slow
 def test_the_study_computes_another_seed_changes_its_figures():
     one, other = (study_discriminate(runs=20, seed=seed) for seed in (1, 2))
     assert [r.case for r in one.rows]

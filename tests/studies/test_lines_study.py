@@ -73,6 +73,7 @@ def check_bands(snr: float, setting: str, runs: int) -> None:
         assert abs(found[name].mean() - value) <= band + own + 1e-9, name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("snr", "setting"), [
     (-20.0, "conventional"), (-10.0, "feedback"),
 ])  # fmt: skip
@@ -164,6 +165,7 @@ def test_feedback_gains_ten_points_of_association(snr: float) -> None:
     assert gain.mean() >= 10.0
 
 
+@pytest.mark.slow
 def test_interferers_are_recognised_by_the_classifier_alone() -> None:
     rule = SceneRule(-20.0, n_interferers=6)
     conventional = figures("conventional", rule, 3)["false_lines"].mean()

@@ -98,6 +98,7 @@ HARMLESS = {shared_heap_object, endless_frames}
 """Forgeries that leave a product which can be read."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", FORGED, ids=[f.__name__ for f in FORGED])
 def test_a_forged_product_costs_neither_time_nor_memory(path, change):
     forge(path, change)

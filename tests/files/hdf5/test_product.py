@@ -70,6 +70,7 @@ def test_absent_columns_scalars_and_parts_read_back_as_none(kind, tmp_path):
     assert round_trip(container, tmp_path / "p.h5").equals(container)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "n_rows"),
     [(kind, 3) for kind in CONTAINERS.values()]
@@ -133,6 +134,7 @@ TEXT = st.text(
 )
 
 
+@pytest.mark.slow
 @settings(
     max_examples=20,
     deadline=None,

@@ -64,6 +64,7 @@ print(json.dumps([said, used, time.process_time() - begin]))
 """
 
 
+@pytest.mark.slow
 def test_small_files_cost_little(tmp_path):
     for name, (text, _) in ATTACKS.items():
         (tmp_path / name).write_text(text())
