@@ -9,10 +9,10 @@ from scipy.integrate import quad
 
 from tests.draws.measured_passages import analyse, draw
 from uwtrack_cli.acoustics.medium import Medium
+from uwtrack_cli.estimation.normal_mixture import half_width
 from uwtrack_cli.motion.passage.model.unknowns import STEP
 from uwtrack_cli.motion.passage.readings.change_priors import ODDS, SIZES
 from uwtrack_cli.motion.passage.readings.change_scores import Scores
-from uwtrack_cli.motion.passage.readings.reading_mixture import half_width
 from uwtrack_cli.motion.passage.readings.unseen_changes import unseen_change
 
 SPEED_MPS, WIDTH_S, HEIGHT_M = 6.0, 30.0, 19.0

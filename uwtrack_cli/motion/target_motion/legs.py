@@ -141,31 +141,36 @@ class Alterations:
     def spread(self, q: FloatArray, n_lines: int) -> FloatArray:
         """Return second moments of what the alteration that may be moves.
 
-        Of state and rest frequencies, shape (p + lines, same), about the motion ``q``
-        without it.
+        Of state and rest frequencies, at every instant and width, shape (instants *
+        widths, p + lines, same), about the motion ``q`` without it.
         """
         if not self.log_odds.size:
-            return np.zeros((q.size + n_lines, q.size + n_lines))
-        square = np.einsum("iw,iwab->iab", self._weight(), self.square)
-        return np.asarray(np.einsum("ipa,iab,iqb->pq", self.shift, square, self.shift))
+            return np.zeros((0, q.size + n_lines, q.size + n_lines))
+        return self._moments(self.shift)
 
     def spread_at(self, q: FloatArray, time_s: float) -> FloatArray:
-        """Return the same of the state at a time, s, shape (4, 4)."""
+        """Return the same of the state at a time, s, shape (instants * widths, 4, 4)."""
         if not self.log_odds.size:
-            return np.zeros((STRAIGHT, STRAIGHT))
-        square = np.einsum("iw,iwab->iab", self._weight(), self.square)
+            return np.zeros((0, STRAIGHT, STRAIGHT))
         chain = state_jacobian(q[np.newaxis])[0]
         onward = state_at(q, time_s)[1] @ np.linalg.inv(chain)
         since = (time_s - self.instant_s)[:, np.newaxis, np.newaxis]
         place, velocity = np.maximum(since, 0.0) * np.eye(2), (since > 0.0) * np.eye(2)
         moved = onward @ self.shift[:, : q.size]
-        moved = moved + np.concatenate([place, velocity], axis=1)
-        return np.asarray(np.einsum("ipa,iab,iqb->pq", moved, square, moved))
+        return self._moments(moved + np.concatenate([place, velocity], axis=1))
 
-    def _weight(self) -> FloatArray:
-        """Return the probability of every instant and width."""
-        weight = np.exp(self.log_odds - self.log_odds.max())
+    @property
+    def weight(self) -> FloatArray:
+        """Probability of every instant and width, shape (instants * widths,)."""
+        if not self.log_odds.size:
+            return np.zeros(0)
+        weight = np.exp(self.log_odds - self.log_odds.max()).ravel()
         return np.asarray(weight * (self.probability / weight.sum()))
+
+    def _moments(self, moved: FloatArray) -> FloatArray:
+        """Return second moments of what changes move, (instants * widths, q, q)."""
+        every = np.einsum("ipa,iwab,iqb->iwpq", moved, self.square, moved)
+        return np.asarray(every.reshape(-1, *every.shape[2:]))
 
 
 NOTHING = Alterations(

@@ -23,6 +23,7 @@ from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.estimation.angles import wrap_rad
+from uwtrack_cli.estimation.normal_mixture import widening
 from uwtrack_cli.motion.options import Misfit, MotionModel, Search
 from uwtrack_cli.motion.target_motion.error_budget import (
     NuisanceDeviations,
@@ -436,7 +437,9 @@ def describe_mode(
     back = np.eye(len(inner))
     back[: q.size, : q.size] = np.linalg.inv(state_jacobian(q[np.newaxis])[0])
     outward = found.turn @ back
-    covariance = covariance + outward @ moved @ outward.T
+    added = np.diagonal(outward @ moved @ outward.T, axis1=1, axis2=2)
+    wider = widening(np.diagonal(covariance), more.weight, added)
+    covariance = covariance * np.outer(wider, wider)
     white = found.covariance()
     r = residuals(problem, q[np.newaxis])
     own_covariance = inner[: q.size, : q.size]
@@ -534,19 +537,21 @@ def seen_at(
     """Return range, bearing, speed and course (SI) at a time, s, with deviations.
 
     They count from the sensor of the first row. The covariance is that of the solver
-    coordinates, shape (p, p); what an alteration that may be moves is added.
+    coordinates, shape (p, p); an alteration that may be widens the deviations.
     """
     track, sensor = problem.track, problem.sensor
     node = track.now if sensor is None else track.now[sensor == sensor[0]]
     state, partials = state_at(q, time_s)
     for place, own in enumerate((track.east_m, track.north_m)):
         state[place] -= np.interp(time_s, track.time_s[node], own[node])
-    spread = partials @ covariance @ partials.T + more.spread_at(q, time_s)
+    spread = partials @ covariance @ partials.T
     local = from_state(state)
     inward = np.linalg.inv(state_jacobian(local[np.newaxis])[0])
     outward = motion_jacobian(local[np.newaxis])[0] @ inward
-    variance = np.diagonal(outward @ spread @ outward.T)
-    return to_motion(local), np.sqrt(np.maximum(variance, 0.0))
+    variance = np.maximum(np.diagonal(outward @ spread @ outward.T), 0.0)
+    moved = outward @ more.spread_at(q, time_s) @ outward.T
+    added = np.diagonal(moved, axis1=1, axis2=2)
+    return to_motion(local), np.sqrt(variance) * widening(variance, more.weight, added)
 
 
 def _intervals(

@@ -17,17 +17,12 @@ from dataclasses import replace
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.estimation.normal_mixture import HALF_WIDTH, half_width
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.readings.unseen_changes import Unseen
 
 SMALLEST_WEIGHT = 1e-3
 """Weight of a fit below which its answer is left out."""
-
-HELD, HALF_WIDTH = 0.95, 1.959964
-"""Probability within an interval, and its half width in deviations if normal."""
-
-N_HALVINGS = 40
-"""Steps of the search for that half width."""
 
 FLAT = [0, 4, 2, 3, 5]
 """Places of t0, horizontal d/v, speed, bearing and depth difference in an answer."""
@@ -103,31 +98,6 @@ def _about(share: FloatArray, apart: FloatArray, covariance: FloatArray) -> Floa
         held = half_width(share, apart[:, place], own[:, place])
         scale[place] = max(1.0, held / (HALF_WIDTH * float(std[place])))
     return np.asarray(whole * np.outer(scale, scale))
-
-
-def half_width(share: FloatArray, mean: FloatArray, std: FloatArray) -> float:
-    """Return the half width about zero that holds 95 % of a mixture of normals.
-
-    Parameters
-    ----------
-    share
-        Weights, of sum one, shape (parts,).
-    mean
-        Means, same shape.
-    std
-        Deviations, same shape.
-    """
-    from scipy.special import ndtr
-
-    low, high = 0.0, float((np.abs(mean) + 8.0 * std).max())
-    for _ in range(N_HALVINGS):
-        middle = 0.5 * (low + high)
-        within = ndtr((middle - mean) / std) - ndtr((-middle - mean) / std)
-        if float(share @ within) < HELD:
-            low = middle
-        else:
-            high = middle
-    return high
 
 
 def _answer(fit: PassageFit) -> FloatArray:
