@@ -635,17 +635,16 @@ def test_others_are_sought_where_the_misfit_exceeds_five_deviations(
     monkeypatch, off, asks
 ):
     problem = SonarScene(1, "interval").problem(offsets=False)
-    heard = np.count_nonzero(problem.bearing_weight)
-    freedom = heard - 4
+    freedom = problem.n_values - 4 - problem.n_lines
     value = freedom * (1 + 5 * np.sqrt(2 / freedom) + off)
     asked = []
     monkeypatch.setattr(contact, "_is_told", lambda *_: True)
-    z = np.where(problem.bearing_weight > 0, np.sqrt(value / heard), 0.0)[None]
-    r = SimpleNamespace(bearing=z, frequency=0.0 * problem.frequency_weight[None])
-    monkeypatch.setattr(contact, "residuals", lambda *_: r)
+    monkeypatch.setattr(
+        contact, "misfit", lambda *_: SimpleNamespace(value=np.array([value]))
+    )
     monkeypatch.setattr(contact, "associate", lambda *_, is_told: asked.append(is_told))
-    legs = SimpleNamespace(problem=problem, fit=SimpleNamespace(q=np.zeros((1, 4))))
-    assert contact._sources(legs, None, None, None) is None
+    legs = SimpleNamespace(fit=SimpleNamespace(q=np.zeros((1, 4))))
+    assert contact._sources(problem, legs, None, None, None) is None
     assert asked == ([True] if asks else [])
 
 

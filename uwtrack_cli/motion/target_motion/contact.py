@@ -154,7 +154,7 @@ def _answers(
     solved = _solve(data, problem, limits, options)
     sources = None
     if options.misfit.loss == "auto" and options.is_table:
-        sources = _sources(solved.legs, limits, data, options)
+        sources = _sources(problem, solved.legs, limits, data, options)
     if sources is None:
         solved = _with_outliers(data, solved, limits, options)
         return [_answer(data, solved, options)]
@@ -209,7 +209,10 @@ def _solve(
         near = near_rows(problem, _by_weight(problem, straight, options).q[0])
         if near.any():
             return _solve(data, without_rows(problem, near), limits, options)
-    legs = find_legs(problem, straight, limits, options.nuisances, data.overlap_rows)
+    legs = find_legs(
+        problem, straight, limits, options.nuisances, data.overlap_rows,
+        may_rest=data.platforms is not None and not problem.n_lines,
+    )  # fmt: skip
     return _Solved(ends, estimates, legs)
 
 
@@ -260,10 +263,16 @@ def _miss(legs: Legs) -> tuple[bool, bool]:
     for z, weight in (
         (r.bearing, problem.bearing_weight), (r.frequency, problem.frequency_weight),
     ):  # fmt: skip
-        freedom = max(np.count_nonzero(weight) - legs.fit.q.shape[1], 1)
-        excess = float(loss_value(z, problem.loss).sum()) / freedom - 1.0
-        found.append(bool(excess > LARGE_MISFIT * np.sqrt(2.0 / freedom)))
+        value = float(loss_value(z, problem.loss).sum())
+        found.append(_is_large(value, np.count_nonzero(weight), legs))
     return found[0], found[1]
+
+
+def _is_large(misfit_value: float, count: int, legs: Legs) -> bool:
+    """Return whether so many values miss by more than their deviations."""
+    freedom = max(count - legs.fit.q.shape[1], 1)
+    excess = misfit_value / freedom - 1.0
+    return bool(excess > LARGE_MISFIT * np.sqrt(2.0 / freedom))
 
 
 def _with_outliers(
@@ -319,12 +328,18 @@ degrees of freedom."""
 
 
 def _sources(
-    legs: Legs, limits: SearchBounds, data: Measurements, options: TmaOptions
+    problem: Problem,
+    legs: Legs,
+    limits: SearchBounds,
+    data: Measurements,
+    options: TmaOptions,
 ) -> list[BearingSource] | None:
-    """Take the rows apart into sources where the misfit asks for it."""
-    problem, is_told = legs.problem, _is_told(data, options)
-    if is_told and not _miss(legs)[0]:
-        return None
+    """Take all rows apart into sources where the misfit of the legs asks for it."""
+    is_told = _is_told(data, options)
+    if is_told:
+        value = float(misfit(problem, legs.fit.q[:1]).value[0])
+        if not _is_large(value, problem.n_values - problem.n_lines, legs):
+            return None
     found = associate(replace(problem, loss="squares"), limits, is_told=is_told)
     if found is None:
         return None

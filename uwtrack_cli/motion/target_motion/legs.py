@@ -46,6 +46,7 @@ from uwtrack_cli.motion.target_motion.objective import (
     motion_prior,
     residuals,
 )
+from uwtrack_cli.motion.target_motion.place_readings import evidence_of_rest
 from uwtrack_cli.motion.target_motion.problem import Expectation, Problem
 from uwtrack_cli.motion.target_motion.solvers.marquardt import (
     DescentResult,
@@ -213,10 +214,13 @@ def find_legs(
     limits: SearchBounds,
     nuisances: NuisanceDeviations,
     overlap_rows: int,
+    *,
+    may_rest: bool,
 ) -> Legs:
     """Fit as many legs as the evidence asks for, from the best straight motions.
 
     Measurements still share samples at ``overlap_rows``; 0 for independent ones.
+    ``may_rest``: the source is as likely at rest, which legs have to explain better, too.
     """
     problem = _with_durations(problem)
     span = float(np.ptp(problem.row_time_s))
@@ -238,13 +242,16 @@ def find_legs(
         )  # fmt: skip
     evidence = np.array([_evidence(problem, fit, inflation, span) for fit in fits])
     best = int(evidence.argmax())
+    rest = evidence_of_rest(problem, straight.q[0]) if may_rest and best else -np.inf
+    best = best if evidence[best] - evidence[0] > rest else 0
     others = np.exp(np.clip(evidence - evidence[0], -500.0, 500.0))[1:].sum()
+    one_velocity = 1.0 + np.exp(min(rest, 500.0))
     gain = _value(problem, fits[0], inflation) - _value(problem, fits[1], inflation)
     return Legs(
         fits[best],
         bounds[best],
         gain,
-        float(others / (1.0 + others)),
+        float(others / (one_velocity + others)),
         inflation,
         problem,
     )
