@@ -264,7 +264,7 @@ def _miss(legs: Legs) -> tuple[bool, bool]:
         (r.bearing, problem.bearing_weight), (r.frequency, problem.frequency_weight),
     ):  # fmt: skip
         value = float(loss_value(z, problem.loss).sum())
-        found.append(_is_large(value, np.count_nonzero(weight), legs))
+        found.append(_is_large(value, int(np.count_nonzero(weight)), legs))
     return found[0], found[1]
 
 
