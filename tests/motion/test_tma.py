@@ -213,7 +213,7 @@ def test_own_navigation_is_as_good_as_told_and_what_is_not_told_is_said():
         return estimate_motion(series, None, None, sensor, nuisances=given, **facts)
 
     usual = motion(Nuisances(0.0))
-    assert "within 10 m and 0.1 m/s" in usual.statement
+    assert "accurate to 10 m and 0.1 m/s" in usual.statement
     exact = {"navigation_position_std_m": 0.0, "navigation_velocity_std_mps": 0.0}
     told = motion(Nuisances(0.0), **exact)
     assert "navigation" not in told.statement

@@ -202,7 +202,7 @@ def ais_of(truth):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--band-hz", 400, 60], "--band-hz must be two increasing"),
+        (["--band-hz", 400, 60], "--band-hz must be increasing"),
         (["--window-s", 0], "--window-s must be"),
         (["--within-m", -1], "--within-m must be"),
     ],

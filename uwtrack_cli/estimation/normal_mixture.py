@@ -43,22 +43,32 @@ def half_width(share: FloatArray, mean: FloatArray, std: FloatArray) -> float:
     return high
 
 
-def widening(variance: FloatArray, weight: FloatArray, added: FloatArray) -> FloatArray:
-    """Return the factors on standard deviations that hold 95 % of a mixture.
+def widened(
+    covariance: FloatArray, weight: FloatArray, added: FloatArray
+) -> FloatArray:
+    """Return a covariance whose every deviation holds 95 % of a mixture.
 
     Parameters
     ----------
-    variance
-        Variances where nothing is added, shape (quantities,).
+    covariance
+        Covariance where nothing is added, shape (quantities, quantities).
     weight
         Probabilities of the parts to which something is added, shape (parts,).
     added
-        What each adds to the variances, shape (parts, quantities).
+        Covariance that each adds, shape (parts, quantities, quantities).
+
+    Notes
+    -----
+    What is added is the mean of the parts, each quantity's share of it so large that
+    the deviation is right; what they have in common keeps its correlation.
     """
+    mean = np.einsum("k,kpq->pq", weight, added)
+    variance, more = np.diagonal(covariance), np.diagonal(added, axis1=1, axis2=2)
     share = np.append(weight, 1.0 - weight.sum())
-    std = np.sqrt(np.concatenate([added, np.zeros((1, variance.size))]) + variance)
-    factor = np.ones(variance.size)
-    for place in np.flatnonzero(variance > 0.0) if weight.size else ():
-        held = half_width(share, np.zeros(share.size), std[:, place])
-        factor[place] = max(1.0, held / (HALF_WIDTH * float(std[-1, place])))
-    return factor
+    std = np.sqrt(np.concatenate([more, np.zeros((1, variance.size))]) + variance)
+    root = np.zeros(variance.size)
+    for place in np.flatnonzero((variance > 0.0) & (np.diagonal(mean) > 0.0)):
+        held = half_width(share, np.zeros(share.size), std[:, place]) / HALF_WIDTH
+        asked = max(held**2 - variance[place], 0.0)
+        root[place] = np.sqrt(asked / mean[place, place])
+    return np.asarray(covariance + mean * np.outer(root, root))

@@ -23,7 +23,7 @@ from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.estimation.normal_mixture import widening
+from uwtrack_cli.estimation.normal_mixture import widened
 from uwtrack_cli.motion.options import Misfit, MotionModel, Search
 from uwtrack_cli.motion.target_motion.error_budget import (
     NuisanceDeviations,
@@ -433,13 +433,11 @@ def describe_mode(
     )
     inner = budget.covariance.copy()
     inner[: q.size, : q.size] += modes.between[index]
-    covariance = found.turn @ inner @ found.turn.T
+    covariance: FloatArray = found.turn @ inner @ found.turn.T
     back = np.eye(len(inner))
     back[: q.size, : q.size] = np.linalg.inv(state_jacobian(q[np.newaxis])[0])
     outward = found.turn @ back
-    added = np.diagonal(outward @ moved @ outward.T, axis1=1, axis2=2)
-    wider = widening(np.diagonal(covariance), more.weight, added)
-    covariance = covariance * np.outer(wider, wider)
+    covariance = widened(covariance, more.weight, outward @ moved @ outward.T)
     white = found.covariance()
     r = residuals(problem, q[np.newaxis])
     own_covariance = inner[: q.size, : q.size]
@@ -548,10 +546,9 @@ def seen_at(
     local = from_state(state)
     inward = np.linalg.inv(state_jacobian(local[np.newaxis])[0])
     outward = motion_jacobian(local[np.newaxis])[0] @ inward
-    variance = np.maximum(np.diagonal(outward @ spread @ outward.T), 0.0)
     moved = outward @ more.spread_at(q, time_s) @ outward.T
-    added = np.diagonal(moved, axis1=1, axis2=2)
-    return to_motion(local), np.sqrt(variance) * widening(variance, more.weight, added)
+    variance = np.diagonal(widened(outward @ spread @ outward.T, more.weight, moved))
+    return to_motion(local), np.sqrt(np.maximum(variance, 0.0))
 
 
 def _intervals(
