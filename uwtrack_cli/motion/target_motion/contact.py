@@ -209,10 +209,7 @@ def _solve(
         near = near_rows(problem, _by_weight(problem, straight, options).q[0])
         if near.any():
             return _solve(data, without_rows(problem, near), limits, options)
-    legs = find_legs(
-        problem, straight, limits, options.nuisances, data.overlap_rows,
-        may_rest=data.platforms is not None and not problem.n_lines,
-    )  # fmt: skip
+    legs = find_legs(problem, straight, limits, options.nuisances, data.overlap_rows)
     return _Solved(ends, estimates, legs)
 
 

@@ -38,7 +38,6 @@ from uwtrack_cli.motion.target_motion.place_readings import (
     mixture,
     moving_region,
     still_region,
-    with_vessel_prior,
 )
 
 
@@ -110,7 +109,7 @@ def _sampled(
     # what noise alone does not explain stays: coloured noise, places of the sensors
     jacobian = state_jacobian(mode.q[np.newaxis])[0]
     matrix = misfit(problem, mode.q[np.newaxis]).matrix[0]
-    white = with_vessel_prior(jacobian @ np.linalg.pinv(matrix) @ jacobian.T)
+    white = _with_vessel_prior(jacobian @ np.linalg.pinv(matrix) @ jacobian.T)
     values, axes = np.linalg.eigh(covariance - white)
     rest = (axes * np.maximum(values, 0.0)) @ axes.T
     competes = bool(mode.observability.observable[2:4].all())
@@ -156,7 +155,7 @@ def _at_times(
     if not mode.observability.observable[2:4].all():  # a place, and no velocity
         covariance[2:, :] = covariance[:, 2:] = 0.0
         covariance[[2, 3], [2, 3]] = 1e3 * VESSEL_VELOCITY_STD_MPS**2
-    covariance = with_vessel_prior(covariance)
+    covariance = _with_vessel_prior(covariance)
     sampled = _sampled(answer, mode, state, covariance, platforms)
     if sampled is None:
         return None
@@ -177,3 +176,12 @@ def _at_times(
     if reading.name == STILL:
         rows["course_deg"] = rows["course_std_deg"] = np.full(times.size, np.nan)
     return rows
+
+
+def _with_vessel_prior(covariance: FloatArray) -> FloatArray:
+    """Bound the velocity's deviation by that of vessels in general."""
+    precision = np.zeros((4, 4))
+    precision[[2, 3], [2, 3]] = VESSEL_VELOCITY_STD_MPS**-2
+    # C (I + P C)^-1: the covariance itself may be singular, its inverse is not needed
+    joint = covariance @ np.linalg.inv(np.eye(4) + precision @ covariance)
+    return np.asarray(0.5 * (joint + joint.T))

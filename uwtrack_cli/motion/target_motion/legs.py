@@ -15,9 +15,9 @@ of legs (Laplace's approximation) decides. Noise with a memory makes sums of res
 scatter more than independent ones; how much, the residuals of the most legs tell, which
 no missing alteration has lengthened.
 
-An alteration that the evidence does not ask for may still have been there: its
-probability, and what it would move, widen what is said of the legs that are kept
-(Bayesian model averaging about the motion that is reported).
+An alteration that the evidence does not ask for may still have been there: the standard
+deviations of the legs that are kept hold 95 % of the mixture of both (Bayesian model
+averaging about the motion that is reported; see `estimation/normal_mixture.py`).
 
 **Conventions.** Times count from the first measurement.
 
@@ -46,7 +46,6 @@ from uwtrack_cli.motion.target_motion.objective import (
     motion_prior,
     residuals,
 )
-from uwtrack_cli.motion.target_motion.place_readings import evidence_of_rest
 from uwtrack_cli.motion.target_motion.problem import Expectation, Problem
 from uwtrack_cli.motion.target_motion.solvers.marquardt import (
     DescentResult,
@@ -214,13 +213,10 @@ def find_legs(
     limits: SearchBounds,
     nuisances: NuisanceDeviations,
     overlap_rows: int,
-    *,
-    may_rest: bool,
 ) -> Legs:
     """Fit as many legs as the evidence asks for, from the best straight motions.
 
     Measurements still share samples at ``overlap_rows``; 0 for independent ones.
-    ``may_rest``: the source is as likely at rest, which legs have to explain better, too.
     """
     problem = _with_durations(problem)
     span = float(np.ptp(problem.row_time_s))
@@ -242,16 +238,13 @@ def find_legs(
         )  # fmt: skip
     evidence = np.array([_evidence(problem, fit, inflation, span) for fit in fits])
     best = int(evidence.argmax())
-    rest = evidence_of_rest(problem, straight.q[0]) if may_rest and best else -np.inf
-    best = best if evidence[best] - evidence[0] > rest else 0
     others = np.exp(np.clip(evidence - evidence[0], -500.0, 500.0))[1:].sum()
-    one_velocity = 1.0 + np.exp(min(rest, 500.0))
     gain = _value(problem, fits[0], inflation) - _value(problem, fits[1], inflation)
     return Legs(
         fits[best],
         bounds[best],
         gain,
-        float(others / (one_velocity + others)),
+        float(others / (1.0 + others)),
         inflation,
         problem,
     )

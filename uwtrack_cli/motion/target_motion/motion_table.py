@@ -413,7 +413,7 @@ def _words_of_legs(mode: ModeAnswer, answer: ContactAnswer) -> list[str]:
             return []
         doubt = (
             f"that the target altered its velocity has a probability of {chance:.2g}, "
-            f"and the deviations hold it"
+            f"and the standard deviations allow for it"
         )
         return [doubt]
     words = [

@@ -29,8 +29,7 @@ from math import lgamma
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.motion.target_motion.model import state_jacobian, to_state
-from uwtrack_cli.motion.target_motion.objective import misfit, misfit_value
+from uwtrack_cli.motion.target_motion.objective import misfit_value
 from uwtrack_cli.motion.target_motion.problem import Problem
 from uwtrack_cli.motion.target_motion.row_mixture import RowMixture
 
@@ -230,31 +229,6 @@ def mixture(reading: PlaceReading, still: Region, moving: Region) -> Region:
         + share * (1.0 - share) * np.outer(apart, apart),
         float(np.logaddexp(still.log_evidence, moving.log_evidence) - np.log(2.0)),
     )
-
-
-def evidence_of_rest(problem: Problem, q: FloatArray) -> float:
-    """Return the log evidence of a source at rest over a straight motion, shape (4,).
-
-    -inf where too few draws agree for a place at rest, +inf for the motion.
-    """
-    jacobian = state_jacobian(q[np.newaxis])[0]
-    matrix = misfit(problem, q[np.newaxis]).matrix[0]
-    covariance = with_vessel_prior(jacobian @ np.linalg.pinv(matrix) @ jacobian.T)
-    still, moving = (
-        still_region(problem), moving_region(problem, to_state(q), covariance)
-    )  # fmt: skip
-    if not still.is_sampled:
-        return -np.inf
-    return still.log_evidence - moving.log_evidence if moving.is_sampled else np.inf
-
-
-def with_vessel_prior(covariance: FloatArray) -> FloatArray:
-    """Bound the velocity's deviation by that of vessels in general."""
-    precision = np.zeros((4, 4))
-    precision[[2, 3], [2, 3]] = VESSEL_VELOCITY_STD_MPS**-2
-    # C (I + P C)^-1: the covariance itself may be singular, its inverse is not needed
-    joint = covariance @ np.linalg.inv(np.eye(4) + precision @ covariance)
-    return np.asarray(0.5 * (joint + joint.T))
 
 
 def _moments(trial: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
