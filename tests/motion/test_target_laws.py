@@ -17,6 +17,7 @@ from tests.motion.sonar_scene import (
     STATE,
     Scene,
 )
+from uwtrack_cli.motion.coloured_noise import ColouredNoise
 from uwtrack_cli.motion.target_motion.error_budget import (
     NuisanceDeviations,
     error_budget,
@@ -289,7 +290,9 @@ def test_the_gain_of_a_change_is_that_of_least_squares_with_it():
     x = beside(straight, problem, STATE)
     told = NuisanceDeviations(20.0, 3.0)
     inflation = np.array([1.7, 2.5])
-    found = seek_alteration(problem, STATE, told, inflation)
+    empty = np.empty(0)
+    colours = tuple(ColouredNoise(empty, empty, float(each)) for each in inflation)
+    found = seek_alteration(problem, STATE, told, colours)
     wide = np.sqrt(np.repeat(inflation, [ROWS, 2 * ROWS]))
     z = straight.whitened(problem, x)[: 3 * ROWS]
     compass = np.where(np.arange(z.size) < ROWS, np.radians(3.0) / BEARING_STD_RAD, 0.0)

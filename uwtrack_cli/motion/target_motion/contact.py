@@ -19,6 +19,7 @@ from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.estimation.robust import white_scatter
 from uwtrack_cli.motion.target_motion.association import BearingSource, associate
 from uwtrack_cli.motion.target_motion.conventions import other_convention
+from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target_motion.inputs import (
     Measurements,
     Platforms,
@@ -59,6 +60,7 @@ from uwtrack_cli.motion.target_motion.own_ship import (
 )
 from uwtrack_cli.motion.target_motion.problem import Problem, without_rows
 from uwtrack_cli.motion.target_motion.row_mixture import RowMixture
+from uwtrack_cli.motion.target_motion.row_noise import row_noise
 from uwtrack_cli.motion.target_motion.solvers.marquardt import (
     DescentResult,
     SearchBounds,
@@ -209,7 +211,7 @@ def _solve(
         near = near_rows(problem, _by_weight(problem, straight, options).q[0])
         if near.any():
             return _solve(data, without_rows(problem, near), limits, options)
-    legs = find_legs(problem, straight, limits, options.nuisances, data.overlap_rows)
+    legs = find_legs(problem, straight, limits, options.nuisances)
     return _Solved(ends, estimates, legs)
 
 
@@ -223,7 +225,7 @@ def _answer(data: Measurements, solved: _Solved, options: TmaOptions) -> Contact
     answers = [
         describe_mode(
             problem, legs.limits, modes, index, options, scale=scale,
-            inflation=legs.inflation,
+            colours=legs.colours,
         )
         for index in range(len(modes.q))
     ]  # fmt: skip
@@ -252,24 +254,26 @@ LARGE_MISFIT = 5.0
 others, or outliers, are sought among measurements of stated deviations."""
 
 
-def _miss(legs: Legs) -> tuple[bool, bool]:
-    """Return whether bearings, and frequencies, miss by more than their deviations."""
+def _miss(legs: Legs, nuisances: NuisanceDeviations) -> tuple[bool, bool]:
+    """Return whether bearings, and frequencies, miss by more than their deviations.
+
+    These are of the noise that was stated and of own navigation.
+    """
     problem = legs.problem
     r = residuals(problem, legs.fit.q[:1])
+    variance = row_noise(problem, r, nuisances).variance
+    n = problem.bearing_weight.size
     found = []
-    for z, weight in (
-        (r.bearing, problem.bearing_weight), (r.frequency, problem.frequency_weight),
-    ):  # fmt: skip
-        value = float(loss_value(z, problem.loss).sum())
-        found.append(_is_large(value, int(np.count_nonzero(weight)), legs))
+    for z, weight, expected in (
+        (r.bearing, problem.bearing_weight, variance[:n]),
+        (r.frequency, problem.frequency_weight, variance[n:]),
+    ):
+        each = loss_value(z, problem.loss).ravel() / expected
+        count = int(np.count_nonzero(weight))
+        freedom = max(count - legs.fit.q.shape[1], 1)
+        excess = float(each.sum()) / freedom - 1.0
+        found.append(bool(excess > LARGE_MISFIT * np.sqrt(2.0 / freedom)))
     return found[0], found[1]
-
-
-def _is_large(misfit_value: float, count: int, legs: Legs) -> bool:
-    """Return whether so many values miss by more than their deviations."""
-    freedom = max(count - legs.fit.q.shape[1], 1)
-    excess = misfit_value / freedom - 1.0
-    return bool(excess > LARGE_MISFIT * np.sqrt(2.0 / freedom))
 
 
 def _with_outliers(
@@ -284,7 +288,7 @@ def _with_outliers(
         options.misfit.loss != "auto"
         or problem.loss != "squares"
         or not options.is_table
-        or not any(_miss(solved.legs))
+        or not any(_miss(solved.legs, options.nuisances))
     ):
         return solved
     robust = _solve(data, replace(problem, loss="student"), limits, options)
@@ -333,10 +337,8 @@ def _sources(
 ) -> list[BearingSource] | None:
     """Take all rows apart into sources where the misfit of the legs asks for it."""
     is_told = _is_told(data, options)
-    if is_told:
-        value = float(misfit(problem, legs.fit.q[:1]).value[0])
-        if not _is_large(value, problem.n_values - problem.n_lines, legs):
-            return None
+    if is_told and not _miss(legs, options.nuisances)[0]:
+        return None
     found = associate(replace(problem, loss="squares"), limits, is_told=is_told)
     if found is None:
         return None

@@ -31,8 +31,8 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
-from uwtrack_cli.motion.target_motion.inputs import correlation_inflation
 from uwtrack_cli.motion.target_motion.model import (
+    PER_ALTERATION,
     STRAIGHT,
     from_state,
     state_at,
@@ -41,12 +41,22 @@ from uwtrack_cli.motion.target_motion.model import (
 )
 from uwtrack_cli.motion.target_motion.objective import (
     Residuals,
+    loss_value,
     loss_weight,
     misfit,
     motion_prior,
     residuals,
 )
+from uwtrack_cli.motion.target_motion.observability import scaled_inverse
 from uwtrack_cli.motion.target_motion.problem import Expectation, Problem
+from uwtrack_cli.motion.target_motion.row_noise import (
+    NO_MEMORY,
+    Colours,
+    RowNoise,
+    find_colours,
+    row_noise,
+    whitened,
+)
 from uwtrack_cli.motion.target_motion.solvers.marquardt import (
     DescentResult,
     SearchBounds,
@@ -75,22 +85,6 @@ CHANGE_STDS_MPS = (0.5, 1.0, 2.0, 4.0)
 WORTH_A_FIT = 0.15
 """Probability of an alteration from which it is fitted: the linear model that gives it is
 right within a factor of a few in the odds."""
-
-SMALLEST_CORRELATION = 3.0
-"""Correlation of neighbours, in its deviations, from which noise has a memory."""
-
-LARGEST_DECAY = 0.98
-"""Correlation of neighbours of the slowest Markov noise."""
-
-UNSURE_MEMORY = 20.0 / 14.5
-"""Factor on the strength of a memory, which is known less well than a variance: what
-straight targets gain at most in coloured noise over that in white noise."""
-
-LARGEST_SCATTER = 3.0
-"""Deviations of its mean square up to which noise is as large as was stated."""
-
-LARGEST_WHITE = 2.0
-"""Inflation up to which noise counts as white: that of white noise is about 1.5."""
 
 N_STARTS = 7
 """Stretches of the record in each of which a fit starts from the best instant."""
@@ -123,9 +117,6 @@ class Alterations:
     """Second moments of the change at every instant and width, (instants, widths, 2, 2)."""
     gain: FloatArray
     """Gain of every instant in the misfit, shape (instants,)."""
-    best_effect: FloatArray
-    """What the best change does to the whitened residuals of bearings and frequencies,
-    with all that follows it, shape (values,)."""
     prior_odds: float
     """Odds of an alteration before the record."""
 
@@ -175,7 +166,7 @@ class Alterations:
 
 NOTHING = Alterations(
     np.empty((0, 0)), np.empty(0), np.empty((0, 2)), np.empty((0, 0, 2)),
-    np.empty((0, 0, 2, 2)), np.empty(0), np.empty(0), 0.0,
+    np.empty((0, 0, 2, 2)), np.empty(0), 0.0,
 )  # fmt: skip
 """Where no alteration was sought."""
 
@@ -192,8 +183,10 @@ class Legs:
     """What the last alteration gains in the misfit, or the best one that was not kept."""
     probability: float
     """Probability that the target altered at all."""
+    colours: Colours
+    """Noise with a memory of bearings and of frequencies."""
     inflation: FloatArray
-    """Variance of sums of bearings and of frequencies over that of independent ones."""
+    """Factor by which bearings, and frequencies, tell less than white ones would."""
     problem: Problem
     """The problem, with the prior of durations that its rows can tell."""
 
@@ -212,42 +205,52 @@ def find_legs(
     straight: DescentResult,
     limits: SearchBounds,
     nuisances: NuisanceDeviations,
-    overlap_rows: int,
 ) -> Legs:
-    """Fit as many legs as the evidence asks for, from the best straight motions.
-
-    Measurements still share samples at ``overlap_rows``; 0 for independent ones.
-    """
+    """Fit as many legs as the evidence asks for, from the best straight motions."""
     problem = _with_durations(problem)
     span = float(np.ptp(problem.row_time_s))
     fits, bounds = [straight], [limits]
-    found = seek_alteration(problem, straight.q[0], nuisances)
+    models = [_Linear(problem, straight.q[0], nuisances)]
+    found, colours = _look(problem, models[-1])
     while found.probability > WORTH_A_FIT and len(fits) <= MOST_ALTERATIONS:
         bounds.append(_with_one_more(bounds[-1], problem, span))
         more = _fitted(problem, fits[-1], found, bounds[-1])
         if not more.q.size or not more.value[0] < fits[-1].value[0]:
             break
         fits.append(more)
-        found = seek_alteration(problem, more.q[0], nuisances)
-    inflation = _memory(problem, fits[-1].q[0], found, overlap_rows)
-    if len(fits) == 1:
-        found = seek_alteration(problem, straight.q[0], nuisances, inflation)
-        return Legs(
-            straight, limits, float(found.gain.max(initial=0.0)), found.probability,
-            inflation, problem,
-        )  # fmt: skip
-    evidence = np.array([_evidence(problem, fit, inflation, span) for fit in fits])
+        models.append(_Linear(problem, more.q[0], nuisances))
+        found, colours = _look(problem, models[-1])
+    evidence = np.array([
+        _evidence(problem, model, fit.q[0], colours)
+        for model, fit in zip(models, fits, strict=True)
+    ])  # fmt: skip
     best = int(evidence.argmax())
-    others = np.exp(np.clip(evidence - evidence[0], -500.0, 500.0))[1:].sum()
-    gain = _value(problem, fits[0], inflation) - _value(problem, fits[1], inflation)
+    if len(fits) == 1:
+        gain, probability = float(found.gain.max(initial=0.0)), found.probability
+    else:
+        others = np.exp(np.clip(evidence - evidence[0], -500.0, 500.0))[1:].sum()
+        gain = models[0].least(colours)[0] - models[1].least(colours)[0]
+        probability = float(others / (1.0 + others))
     return Legs(
-        fits[best],
-        bounds[best],
-        gain,
-        float(others / (1.0 + others)),
-        inflation,
-        problem,
-    )
+        fits[best], bounds[best], gain, probability, colours,
+        models[best].inflation(colours), problem,
+    )  # fmt: skip
+
+
+def _look(problem: Problem, model: "_Linear") -> tuple[Alterations, Colours]:
+    """Weigh one more alteration in the noise that is left beside the best one.
+
+    An alteration that is missing looks like noise with a memory until it is fitted.
+    """
+    if problem.n_rows < FEWEST_ROWS:
+        return NOTHING, NO_MEMORY
+    found, moves = model.one_more(NO_MEMORY)
+    if found.probability <= WORTH_A_FIT:
+        moves = moves[:, :0]
+    colours = model.colours(moves)
+    if all(colour.is_white for colour in colours):
+        return found, colours
+    return model.one_more(colours)[0], colours
 
 
 def _with_durations(problem: Problem) -> Problem:
@@ -338,22 +341,18 @@ def _weighed(problem: Problem, inflation: FloatArray) -> Problem:
     )
 
 
-def _value(problem: Problem, fit: DescentResult, inflation: FloatArray) -> float:
-    return float(misfit(_weighed(problem, inflation), fit.q[:1]).value[0])
-
-
 def _evidence(
-    problem: Problem, fit: DescentResult, inflation: FloatArray, span_s: float
+    problem: Problem, model: "_Linear", q: FloatArray, colours: Colours
 ) -> float:
     """Return the log evidence of a number of legs, by Laplace's approximation.
 
     Up to what all numbers have in common. An instant is likely anywhere in the record,
     a change has the widest of its priors or, with smaller odds, narrower ones.
     """
-    found = misfit(_weighed(problem, inflation), fit.q[:1])
-    q, matrix = fit.q[0], found.matrix[0].copy()
+    span_s = float(np.ptp(problem.row_time_s))
+    misfit_value, matrix = model.least(colours)
     value = 0.0
-    for first in range(STRAIGHT, q.size, 4):
+    for first in range(STRAIGHT, q.size, PER_ALTERATION):
         matrix[first + 2, first + 2] += 12.0 / span_s**2
         change = q[first : first + 2]
         widths = np.array(CHANGE_STDS_MPS)
@@ -365,116 +364,133 @@ def _evidence(
     scale = np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
     values = np.linalg.eigvalsh(matrix / np.outer(scale, scale))
     volume = np.log(np.maximum(values, 1e-13)).sum() + 2.0 * np.log(scale).sum()
-    return float(value - 0.5 * found.value[0] - 0.5 * volume)
+    return float(value - 0.5 * misfit_value - 0.5 * volume)
 
 
 def _prior_odds(span_s: float) -> float:
     return ALTERATIONS_PER_HOUR * span_s / 3600.0
 
 
-def _memory(
-    problem: Problem, q: FloatArray, more: Alterations, overlap_rows: int
-) -> FloatArray:
-    """Return the inflation of bearings and of frequencies by noise with a memory.
-
-    What one more alteration takes out of the residuals is no noise; noise that may be
-    white is.
-    """
-    r = residuals(problem, q[np.newaxis])
-    n = r.bearing[0].size
-    left = np.concatenate([r.bearing[0].ravel(), r.frequency[0].ravel()])
-    left = left * np.sqrt(np.maximum(loss_weight(left, problem.loss), 0.0))
-    left = left + (more.best_effect if more.best_effect.size else 0.0)
-    found = np.ones(2)
-    for place, (z, weight) in enumerate((
-        (left[:n].reshape(r.bearing[0].shape), problem.bearing_weight),
-        (left[n:].reshape(r.frequency[0].shape), problem.frequency_weight),
-    )):  # fmt: skip
-        if z.size and weight.any():
-            by_lags = correlation_inflation(z, weight, overlap_rows)
-            sums = max(by_lags, _markov_inflation(z))
-            count = int(np.count_nonzero(weight))
-            power = float((z**2).sum()) / max(count - q.size, 1)
-            # larger than was stated, beyond what that of white noise scatters by
-            plain = (
-                power if power > 1.0 + LARGEST_SCATTER * np.sqrt(2.0 / count) else 1.0
-            )
-            memory = UNSURE_MEMORY * sums if sums >= LARGEST_WHITE else 1.0
-            found[place] = max(plain, memory)
-    return found
-
-
-def _markov_inflation(z: FloatArray) -> float:
-    """Return the variance of sums of white and first-order Markov noise together.
-
-    Over that of independent values; a few lags tell it with less scatter than the
-    power at zero frequency does. ``z`` has the shape (stream, row).
-    """
-    value = np.clip(z, -5.0, 5.0).sum(axis=0)
-    n = value.size
-    power, one, two = (
-        float(value[lag:] @ value[: n - lag]) / n for lag in range(3)
-    )  # fmt: skip
-    if not one > SMALLEST_CORRELATION / np.sqrt(n) * power:
-        return 1.0
-    decay = float(np.clip(two / one, 0.0, LARGEST_DECAY))
-    share = min(one / (max(decay, one / power) * power), 1.0)
-    return float(1.0 + 2.0 * share * decay / (1.0 - decay))
-
-
 def seek_alteration(
     problem: Problem,
     q: FloatArray,
     nuisances: NuisanceDeviations,
-    inflation: FloatArray | None = None,
+    colours: Colours = NO_MEMORY,
 ) -> Alterations:
-    """Weigh one more alteration of a motion at many instants.
-
-    ``inflation``: variance of sums of bearings and of frequencies over that of
-    independent ones.
-    """
+    """Weigh one more alteration of a motion at many instants, in noise with a memory."""
     if problem.n_rows < FEWEST_ROWS:
         return NOTHING
-    inflation = np.ones(2) if inflation is None else inflation
-    r = residuals(problem, q[np.newaxis])
-    parts = _Parts(problem, q, r, nuisances)
-    scale = parts.scale(inflation)
-    known = np.concatenate([parts.state, parts.others], axis=1) * scale[:, np.newaxis]
-    known = np.concatenate([known, parts.prior_rows])
-    z = np.concatenate([scale * parts.z, parts.prior_z])
-    size = np.maximum(np.sqrt((known**2).sum(0)), 1e-300)
-    basis, singular, axes = np.linalg.svd(known / size, full_matrices=False)
-    kept = singular > 3e-7 * singular[0]
-    basis = basis[:, kept]
-    solve = (axes[kept].T / singular[kept]) / size[:, np.newaxis]
-    z = z - basis @ (basis.T @ z)
-    rows = np.linspace(FIRST_SHARE, LAST_SHARE, N_INSTANTS) * (problem.n_rows - 1)
-    before = np.unique(rows.astype(int))  # an instant lies between two rows
-    time = problem.row_time_s
-    instants = 0.5 * (time[before] + time[np.minimum(before + 1, time.size - 1)])
-    turned = np.zeros((instants.size, len(known), 2))
-    own = scale[:, np.newaxis] * parts.state
-    for place, at in enumerate(instants):
-        later = (parts.time_s > at)[:, np.newaxis]
-        turned[place, : len(own)] = later * (own[:, 2:4] - at * own[:, :2])
-    along = basis.T @ turned
-    shift = -(solve @ along)[:, : q.size + problem.n_lines]
-    left = turned - basis @ along
-    matrix = np.swapaxes(left, 1, 2) @ left
-    pull = np.swapaxes(left, 1, 2) @ z
-    precision = np.array(CHANGE_STDS_MPS)[:, np.newaxis, np.newaxis] ** -2.0 * np.eye(2)
-    joint = matrix[:, np.newaxis] + precision
-    inverse = np.linalg.inv(joint)
-    change = -(inverse @ pull[:, np.newaxis, :, np.newaxis])[..., 0]
-    gain = -np.einsum("iwa,ia->iw", change, pull)
-    volume = np.log(np.linalg.det(joint) / np.linalg.det(precision))
-    square = inverse + change[..., :, np.newaxis] * change[..., np.newaxis, :]
-    top = int(gain[:, -1].argmax())
-    effect = (left[top] @ change[top, -1])[: len(own)] / scale
-    return Alterations(
-        0.5 * (gain - volume), instants, change[:, -1], shift, square, gain[:, -1],
-        effect, _prior_odds(float(np.ptp(problem.row_time_s))),
-    )  # fmt: skip
+    return _Linear(problem, q, nuisances).one_more(colours)[0]
+
+
+class _Linear:
+    """The linearised model of one record about a motion, under the noise of its rows."""
+
+    def __init__(
+        self, problem: Problem, q: FloatArray, nuisances: NuisanceDeviations
+    ) -> None:
+        self._problem, self._q, self._nuisances = problem, q, nuisances
+        self._r = residuals(problem, q[np.newaxis])
+        self._parts = _Parts(problem, q, self._r, nuisances)
+
+    def _equations(self, colours: Colours) -> "_Equations":
+        noise = row_noise(self._problem, self._r, self._nuisances, colours)
+        parts = self._parts
+        known = parts.known
+        weighed = noise.weigh(np.column_stack([known, parts.z]))
+        solved, z = weighed[:, :-1], weighed[:, -1]
+        matrix = known.T @ solved + parts.prior_rows.T @ parts.prior_rows
+        pull = known.T @ z + parts.prior_rows.T @ parts.prior_z
+        value = float(parts.z @ z + parts.prior_z @ parts.prior_z)
+        return _Equations(noise, solved, z, matrix, pull, value)
+
+    def one_more(self, colours: Colours) -> tuple[Alterations, FloatArray]:
+        """Weigh one more alteration; and what the best one does, (values, 2)."""
+        problem, q, parts = self._problem, self._q, self._parts
+        own = self._equations(colours)
+        inverse = scaled_inverse(own.matrix)
+        rows = np.linspace(FIRST_SHARE, LAST_SHARE, N_INSTANTS) * (problem.n_rows - 1)
+        before = np.unique(rows.astype(int))  # an instant lies between two rows
+        time = problem.row_time_s
+        instants = 0.5 * (time[before] + time[np.minimum(before + 1, time.size - 1)])
+        # (values, instants, 2)
+        at = instants[:, np.newaxis]
+        moved = parts.state[:, np.newaxis, 2:4] - at * parts.state[:, np.newaxis, :2]
+        turned = np.where(parts.time_s[:, np.newaxis] > instants, 1.0, 0.0)
+        turned = turned[:, :, np.newaxis] * moved
+        flat = turned.reshape(len(turned), -1)
+        weighed = own.noise.weigh(flat).reshape(turned.shape)
+        along = np.moveaxis((own.solved.T @ flat).reshape(-1, at.size, 2), 1, 0)
+        shift = -inverse @ along
+        matrix = np.einsum("via,vib->iab", turned, weighed)
+        matrix = matrix + np.swapaxes(along, 1, 2) @ shift
+        pull = np.einsum("via,v->ia", turned, own.z)
+        pull = pull + np.einsum("ipa,p->ia", shift, own.pull)
+        width = np.array(CHANGE_STDS_MPS)[:, np.newaxis, np.newaxis]
+        joint = matrix[:, np.newaxis] + width**-2.0 * np.eye(2)
+        spread = np.linalg.inv(joint)
+        change = -(spread @ pull[:, np.newaxis, :, np.newaxis])[..., 0]
+        gain = -np.einsum("iwa,ia->iw", change, pull)
+        volume = np.log(np.linalg.det(joint * width**2.0))
+        square = spread + change[..., :, np.newaxis] * change[..., np.newaxis, :]
+        found = Alterations(
+            0.5 * (gain - volume), instants, change[:, -1],
+            shift[:, : q.size + problem.n_lines], square, gain[:, -1],
+            _prior_odds(float(np.ptp(time))),
+        )  # fmt: skip
+        return found, turned[:, int(gain[:, -1].argmax())]
+
+    def colours(self, more: FloatArray) -> Colours:
+        """Find the memory of the noise beside all that is known, and one alteration."""
+        design = np.concatenate([self._parts.known, more], axis=1)
+        prior = np.pad(self._parts.prior_rows, ((0, 0), (0, more.shape[1])))
+        return find_colours(self._problem, self._r, self._nuisances, design, prior)
+
+    def inflation(self, colours: Colours) -> FloatArray:
+        """Return by how much bearings, and frequencies, tell less than white ones would."""
+        known = self._parts.known
+        solved = self._equations(colours).solved
+        size = np.maximum((known**2).sum(axis=0), 1e-300)
+        n = self._problem.bearing_weight.size
+        found = []
+        for kind in (slice(0, n), slice(n, None)):
+            plain = ((known[kind] ** 2).sum(axis=0) / size).sum()
+            told = ((known[kind] * solved[kind]).sum(axis=0) / size).sum()
+            found.append(max(plain / told, 1.0) if told > 0.0 else 1.0)
+        return np.array(found)
+
+    def least(self, colours: Colours) -> tuple[float, FloatArray]:
+        """Return the least misfit near the motion, and half its curvature.
+
+        In solver coordinates and all that goes with them, shape (known, known).
+        """
+        own, r, problem = self._equations(colours), self._r, self._problem
+        gained = own.pull @ scaled_inverse(own.matrix) @ own.pull
+        # what outliers cost beside their weighted squares
+        z = np.concatenate([r.bearing[0].ravel(), r.frequency[0].ravel()])
+        outlying = loss_value(z, problem.loss).sum() - self._parts.z @ self._parts.z
+        chain = np.eye(len(own.matrix))
+        size = self._q.size
+        chain[:size, :size] = state_jacobian(self._q[np.newaxis])[0]
+        return own.value - float(gained) + float(outlying), chain.T @ own.matrix @ chain
+
+
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """Normal equations of all that is known, under the noise of the rows."""
+
+    noise: RowNoise
+    """The noise."""
+    solved: FloatArray
+    """Inverse covariance times the partials, shape (values, known)."""
+    z: FloatArray
+    """Inverse covariance times the residuals, shape (values,)."""
+    matrix: FloatArray
+    """With what was expected, shape (known, known)."""
+    pull: FloatArray
+    """Half gradient, shape (known,)."""
+    value: float
+    """Misfit."""
 
 
 class _Parts:
@@ -487,13 +503,10 @@ class _Parts:
         r: Residuals,
         nuisances: NuisanceDeviations,
     ) -> None:
-        share_b = np.sqrt(np.maximum(loss_weight(r.bearing[0], problem.loss), 0.0))
-        share_f = np.sqrt(np.maximum(loss_weight(r.frequency[0], problem.loss), 0.0))
-        self._shape_b = r.bearing[0].shape
-        self._shape_f = r.frequency[0].shape
-        self.z = np.concatenate(
-            [(share_b * r.bearing[0]).ravel(), (share_f * r.frequency[0]).ravel()]
-        )
+        self.z, share = whitened(problem, r)
+        n_bearings, shape = problem.bearing_weight.size, problem.bearing_weight.shape
+        share_b = share[:n_bearings].reshape(shape)
+        share_f = share[n_bearings:].reshape(problem.frequency_weight.shape)
         weight_b = share_b * problem.bearing_weight * r.side[0]
         weight_f = share_f * problem.frequency_weight
         bearing = weight_b[:, :, np.newaxis] * r.prediction.bearing_jacobian[0].T
@@ -503,15 +516,11 @@ class _Parts:
             [bearing.reshape(-1, q.size), frequency.reshape(-1, q.size)]
         )
         time = problem.row_time_s
-        self.time_s = np.concatenate(
-            [np.tile(time, self._shape_b[0]), np.tile(time, self._shape_f[0])]
-        )
-        streams = self._shape_b[0]
+        streams, n_lines = shape[0], problem.n_lines
+        self.time_s = np.tile(time, streams + n_lines)
         std = problem.offset_std_rad
         n_constant = 1 if std is None else streams
-        n_lines = self._shape_f[0]
         others = np.zeros((self.z.size, n_lines + 1 + n_constant))
-        n_bearings = share_b.size
         for line in range(n_lines):
             begin = n_bearings + line * time.size
             others[begin : begin + time.size, line] = weight_f[line] * r.factor[0]
@@ -522,7 +531,7 @@ class _Parts:
         if std is None:
             compass = np.radians(nuisances.compass_deg)
             others[:n_bearings, -1] = (
-                compass * np.broadcast_to(weight_b, self._shape_b).ravel()
+                compass * np.broadcast_to(weight_b, shape).ravel()
             )
         else:
             plain = share_b * problem.bearing_weight
@@ -532,7 +541,7 @@ class _Parts:
                 others[own, n_lines + 1 + stream] = std[stream] * plain[stream]
             known = np.maximum(std, 1e-300)
             prior_z[1:] = np.where(std > 0, r.offset_rad[0] / known, 0.0)
-        self.others = others
+        self.known = np.concatenate([self.state, others], axis=1)
         # sound speed and constant bearing errors have unit priors
         expected_z, expected = motion_prior(problem, to_state(q)[np.newaxis])
         self.prior_z = np.concatenate([expected_z[0], prior_z])
@@ -540,10 +549,3 @@ class _Parts:
         self.prior_rows = np.zeros((self.prior_z.size, n_known))
         self.prior_rows[:-n_unit, : q.size] = expected[0]
         self.prior_rows[-n_unit:, n_known - n_unit :] = np.eye(n_unit)
-
-    def scale(self, inflation: FloatArray) -> FloatArray:
-        """Return the factor of every value that its kind's inflation asks for."""
-        n = self._shape_b[0] * self._shape_b[1]
-        factor = np.full(self.z.size, inflation[1])
-        factor[:n] = inflation[0]
-        return np.asarray(1 / np.sqrt(factor))

@@ -52,6 +52,7 @@ from uwtrack_cli.motion.target_motion.observability import (
     information,
 )
 from uwtrack_cli.motion.target_motion.problem import MotionPrior, Problem
+from uwtrack_cli.motion.target_motion.row_noise import NO_MEMORY, Colours
 from uwtrack_cli.motion.target_motion.solvers.marquardt import (
     DescentResult,
     SearchBounds,
@@ -414,18 +415,18 @@ def describe_mode(
     options: TmaOptions,
     *,
     scale: float,
-    inflation: FloatArray | None = None,
+    colours: Colours = NO_MEMORY,
 ) -> ModeAnswer:
     """Work out what one of the modes says of the target.
 
     ``scale`` is that of likelihood ratios under the loss, 1 for least squares;
-    ``inflation`` that of sums by noise with a memory, as `find_legs` gives it.
+    ``colours`` are the memory of the noise, as `find_legs` gives it.
     """
     from scipy.special import chdtri
 
     q = modes.q[index]
     end_s = float(problem.row_time_s[-1])
-    more = seek_alteration(problem, q, options.nuisances, inflation)
+    more = seek_alteration(problem, q, options.nuisances, colours)
     moved = more.spread(q, problem.n_lines)
     found = information(problem, q)
     budget = error_budget(

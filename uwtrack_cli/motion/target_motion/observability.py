@@ -60,7 +60,7 @@ class Information:
 
     def inverse(self) -> FloatArray:
         """Return the inverse of the bread, singular directions left out."""
-        return _scaled_inverse(self.bread)
+        return scaled_inverse(self.bread)
 
     def unit_diagonal(self) -> tuple[FloatArray, FloatArray]:
         """Return the information in p, scaled to unit diagonal, and the scales."""
@@ -184,7 +184,8 @@ def _bread_and_meat(problem: Problem, r: Residuals) -> tuple[FloatArray, FloatAr
     return bread, meat
 
 
-def _scaled_inverse(matrix: FloatArray) -> FloatArray:
+def scaled_inverse(matrix: FloatArray) -> FloatArray:
+    """Return the inverse of an information matrix, singular directions left out."""
     scale = np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
     unit = matrix / np.outer(scale, scale)
     values, vectors = np.linalg.eigh(unit)

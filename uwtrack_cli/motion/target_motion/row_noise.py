@@ -1,0 +1,308 @@
+"""Noise of the rows of a contact: white, that of own navigation, and one with a memory.
+
+**Method.** Every value has the white noise that was stated. Errors of own position and
+velocity are Ornstein-Uhlenbeck processes that all values share: a frequency tells the range
+rate, which the difference of two positions moves, and a bearing what lies across the line
+of sight. Noise with a memory is a sum of such processes, one set for all bearings and one for
+all frequencies; its strengths and correlation times come from the residuals
+(`coloured_noise`). The processes are unknowns with the tridiagonal precision of a Markov
+chain, and are projected out: with the partials G of the values by their nodes,
+N^-1 = D^-1 - D^-1 G (M^-1 + G' D^-1 G)^-1 G' D^-1 in work that grows with the rows
+(Woodbury's identity; Rue and Held 2005, ch. 2).
+
+**Conventions.** Values are whitened by their stated deviations: bearings (stream, row),
+then frequencies (line, row), flattened. Errors along and across the line of sight are
+independent while it turns little within their correlation time.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.motion.coloured_noise import WHITE, ColouredNoise, fit_coloured_noise
+from uwtrack_cli.motion.target_motion.error_budget import (
+    WIDTH_SHARE,
+    NuisanceDeviations,
+    looks_white,
+)
+from uwtrack_cli.motion.target_motion.objective import Residuals, loss_weight
+from uwtrack_cli.motion.target_motion.problem import Problem
+
+Colours = tuple[ColouredNoise, ColouredNoise]
+"""Noise with a memory of bearings and of frequencies, in variances of one value."""
+
+NO_MEMORY: Colours = (WHITE, WHITE)
+
+SAME_INSTANT = 1e-6
+"""Share of a correlation time within which two instants are one node."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Process:
+    """One Ornstein-Uhlenbeck process that values share."""
+
+    variance: float
+    """Its variance."""
+    correlation_time_s: float
+    """Its correlation time, s."""
+    time_s: FloatArray
+    """Instants of it that every value holds, s, shape (values, k)."""
+    gain: FloatArray
+    """Partials of the value by these, same shape."""
+
+    @property
+    def of_value(self) -> FloatArray:
+        """Variance that every value has from it, shape (values,)."""
+        lag = self.time_s[:, :, np.newaxis] - self.time_s[:, np.newaxis]
+        like = np.exp(-np.abs(lag) / self.correlation_time_s)
+        each = np.einsum("vi,vij,vj->v", self.gain, like, self.gain)
+        return np.asarray(self.variance * each)
+
+
+@dataclass(frozen=True, eq=False)
+class RowNoise:
+    """Noise of the values of one contact."""
+
+    white: FloatArray
+    """Variance of the white part of every value, shape (values,)."""
+    processes: tuple[_Process, ...]
+    """What values share."""
+
+    @property
+    def variance(self) -> FloatArray:
+        """Variance of every value, shape (values,)."""
+        return self.white + sum(one.of_value for one in self.processes)
+
+    @cached_property
+    def _solver(self) -> tuple[Any, FloatArray] | None:
+        """Partials of all values by all nodes, and the banded factor of their precision."""
+        from scipy.linalg import cholesky_banded
+        from scipy.sparse import coo_array
+
+        times, rows, columns, gains, pairs = [], [], [], [], []
+        first = 0
+        for one in self.processes:
+            value, place = np.nonzero(one.gain)
+            if not value.size:
+                continue
+            grain = SAME_INSTANT * one.correlation_time_s
+            keys, node = np.unique(
+                np.rint(one.time_s[value, place] / grain), return_inverse=True
+            )
+            times.append(keys * grain)
+            rows.append(value)
+            columns.append(first + node)
+            gains.append(one.gain[value, place])
+            decay = np.exp(-np.diff(times[-1]) / one.correlation_time_s)
+            new = one.variance * (1.0 - decay**2)
+            here = first + np.arange(keys.size)
+            inner = np.full(keys.size, 0.0)
+            inner[0] = 1.0 / one.variance
+            inner[1:] += 1.0 / new
+            inner[:-1] += decay**2 / new
+            pairs.append((here, here, inner))
+            pairs.append((here[1:], here[:-1], -decay / new))
+            first += keys.size
+        if not times:
+            return None
+        order = np.argsort(np.argsort(np.concatenate(times), kind="stable"))
+        partials = coo_array(
+            (np.concatenate(gains), (np.concatenate(rows), order[np.concatenate(columns)])),
+            shape=(self.white.size, first),
+        ).tocsr()  # fmt: skip
+        told = (partials.T @ (partials / self.white[:, np.newaxis])).tocoo()
+        lower = told.row >= told.col
+        parts = [(told.row[lower], told.col[lower], told.data[lower])]
+        for a, b, value in pairs:
+            one, other = order[a], order[b]
+            parts.append((np.maximum(one, other), np.minimum(one, other), value))
+        row, column, entry = (np.concatenate(part) for part in zip(*parts, strict=True))
+        band = np.zeros((int((row - column).max()) + 1, first))
+        np.add.at(band, (row - column, column), entry)
+        return partials, cholesky_banded(band, lower=True)
+
+    def weigh(self, values: FloatArray) -> FloatArray:
+        """Return the inverse covariance times values, shape (values, ...)."""
+        from scipy.linalg import cho_solve_banded
+
+        plain = values / self.white.reshape(-1, *[1] * (values.ndim - 1))
+        if self._solver is None:
+            return np.asarray(plain)
+        partials, factor = self._solver
+        shared = cho_solve_banded((factor, True), partials.T @ plain)
+        taken = partials @ shared
+        return np.asarray(
+            plain - taken / self.white.reshape(-1, *[1] * (values.ndim - 1))
+        )
+
+
+def row_noise(
+    problem: Problem,
+    r: Residuals,
+    nuisances: NuisanceDeviations,
+    colours: Colours = NO_MEMORY,
+) -> RowNoise:
+    """Return the noise of the values of one motion's residuals."""
+    own = RowNoise(np.ones(_n_values(problem)), _navigation(problem, r, nuisances))
+    if all(colour.is_white for colour in colours):
+        return own
+    variance, time = own.variance, _value_time_s(problem)
+    white, memory = np.ones_like(variance), list[_Process]()
+    for of_kind, colour in zip(_kinds(problem), colours, strict=True):
+        white[of_kind] = colour.inflation
+        gain = np.zeros_like(variance)
+        gain[of_kind] = _shared_gain(problem, r, variance, of_kind)
+        memory += [
+            _Process(colour.inflation * strength, time_s, time, gain[:, np.newaxis])
+            for strength, time_s in zip(
+                colour.variance.tolist(), colour.correlation_time_s.tolist(), strict=True
+            )
+        ]  # fmt: skip
+    root = np.sqrt(white)[:, np.newaxis]
+    known = [replace(one, gain=root * one.gain) for one in own.processes]
+    return RowNoise(white, (*known, *memory))
+
+
+def find_colours(
+    problem: Problem,
+    r: Residuals,
+    nuisances: NuisanceDeviations,
+    design: FloatArray,
+    prior_rows: FloatArray,
+) -> Colours:
+    """Find the memory of the noise of bearings and of frequencies in residuals.
+
+    ``design`` are the partials of the whitened values by all that was fitted, shape
+    (values, p), and ``prior_rows`` those of what was expected, shape (k, p).
+
+    Notes
+    -----
+    One series stands for a kind: the sum of its values at a row over the root of their
+    number, which holds what they have in common.
+    """
+    variance = row_noise(problem, r, nuisances).variance
+    z, _ = whitened(problem, r)
+    width_s = WIDTH_SHARE * float(np.ptp(problem.row_time_s))
+    kinds, found = _kinds(problem), []
+    for number, of_kind in enumerate(kinds):
+        count = _count(problem, of_kind)
+        if not count.any():
+            found.append(WHITE)
+            continue
+        scale = _pooled_scale(variance, of_kind, count)
+        value, columns = (
+            _pooled(x, of_kind, count) / scale.reshape(-1, *[1] * (x.ndim - 1))
+            for x in (z, design)
+        )
+        measured = count > 0
+        if looks_white(value[measured]):
+            found.append(WHITE)
+            continue
+        rest = np.concatenate([design[kinds[1 - number]], prior_rows])
+        upper = np.asarray(np.linalg.qr(rest, mode="r"))
+        found.append(
+            fit_coloured_noise(
+                value, measured.astype(float), problem.row_time_s, columns, width_s,
+                (np.zeros(len(upper)), upper),
+            )
+        )  # fmt: skip
+    return found[0], found[1]
+
+
+def whitened(problem: Problem, r: Residuals) -> tuple[FloatArray, FloatArray]:
+    """Return residuals as the loss weighs them, and the root of that weight."""
+    z = np.concatenate([r.bearing[0].ravel(), r.frequency[0].ravel()])
+    share = np.sqrt(np.maximum(loss_weight(z, problem.loss), 0.0))
+    return share * z, share
+
+
+def _n_values(problem: Problem) -> int:
+    return (len(problem.bearing_weight) + problem.n_lines) * problem.n_rows
+
+
+def _kinds(problem: Problem) -> tuple[slice, slice]:
+    """Return the values that are bearings, and those that are frequencies."""
+    n = problem.bearing_weight.size
+    return slice(0, n), slice(n, _n_values(problem))
+
+
+def _value_time_s(problem: Problem) -> FloatArray:
+    """Return the time of every value, s, shape (values, 1)."""
+    series = len(problem.bearing_weight) + problem.n_lines
+    return np.tile(problem.row_time_s, series)[:, np.newaxis]
+
+
+def _measured(problem: Problem) -> FloatArray:
+    weight = [problem.bearing_weight.ravel(), problem.frequency_weight.ravel()]
+    return (np.concatenate(weight) > 0).astype(float)
+
+
+def _pooled(values: FloatArray, of_kind: slice, count: FloatArray) -> FloatArray:
+    """Return the sums of a kind's values at every row over the root of their number."""
+    rows = values[of_kind].reshape(-1, count.size, *values.shape[1:])
+    root = np.sqrt(np.maximum(count, 1.0))
+    return np.asarray(rows.sum(axis=0) / root.reshape(-1, *[1] * (values.ndim - 1)))
+
+
+def _count(problem: Problem, of_kind: slice) -> FloatArray:
+    return np.asarray(
+        _measured(problem)[of_kind].reshape(-1, problem.n_rows).sum(axis=0)
+    )
+
+
+def _pooled_scale(
+    variance: FloatArray, of_kind: slice, count: FloatArray
+) -> FloatArray:
+    """Return the deviation of a kind's pooled values, with all that is known of them.
+
+    What own navigation does to the values of a row it does to all of them.
+    """
+    more = (variance - 1.0)[of_kind].reshape(-1, count.size).sum(axis=0)
+    return np.asarray(np.sqrt(1.0 + more))
+
+
+def _shared_gain(
+    problem: Problem, r: Residuals, variance: FloatArray, of_kind: slice
+) -> FloatArray:
+    """Return the partials of a kind's values by its memory, that of unit pooled values."""
+    count = _count(problem, of_kind)
+    _, share = whitened(problem, r)
+    scale = _pooled_scale(variance, of_kind, count)
+    scale = scale / np.sqrt(np.maximum(count, 1.0))
+    gain = (share * _measured(problem))[of_kind].reshape(-1, count.size) * scale
+    return np.asarray(gain.ravel())
+
+
+def _navigation(
+    problem: Problem, r: Residuals, nuisances: NuisanceDeviations
+) -> tuple[_Process, ...]:
+    """Return what errors of own position and velocity do to bearings and frequencies."""
+    _, share = whitened(problem, r)
+    bearings, frequencies = _kinds(problem)
+    track, memory_s = problem.track, nuisances.correlation_time_s
+    time = _value_time_s(problem)
+    turn, rate = np.zeros(share.size), np.zeros(share.size)
+    across = np.hypot(*r.prediction.bearing_jacobian[0, :2])
+    turn[bearings] = (problem.bearing_weight * across).ravel()
+    slope = r.rest_hz[0][:, np.newaxis] / problem.sound_speed_mps
+    rate[frequencies] = (problem.frequency_weight * slope).ravel()
+    turn, rate = share * turn, share * rate
+    found = []
+    if nuisances.own_position_m:
+        variance = nuisances.own_position_m**2
+        found.append(_Process(variance, memory_s, time, turn[:, np.newaxis]))
+        series = time.size // problem.n_rows
+        over = np.tile(track.interval_s, series)[:, np.newaxis]
+        early = time - over * (0.5 if track.before is None else 1.0)
+        step = rate[:, np.newaxis] / over
+        ends = np.concatenate([early, early + over], axis=1)
+        found.append(
+            _Process(variance, memory_s, ends, np.concatenate([-step, step], axis=1))
+        )
+    if nuisances.own_velocity_mps:
+        variance = nuisances.own_velocity_mps**2
+        found.append(_Process(variance, memory_s, time, rate[:, np.newaxis]))
+    return tuple(found)
