@@ -211,15 +211,15 @@ def find_legs(
     span = float(np.ptp(problem.row_time_s))
     fits, bounds = [straight], [limits]
     models = [_Linear(problem, straight.q[0], nuisances)]
-    found, colours = _look(problem, models[-1])
-    while found.probability > WORTH_A_FIT and len(fits) <= MOST_ALTERATIONS:
+    found, colours, worth = _look(problem, models[-1])
+    while worth > WORTH_A_FIT and len(fits) <= MOST_ALTERATIONS:
         bounds.append(_with_one_more(bounds[-1], problem, span))
         more = _fitted(problem, fits[-1], found, bounds[-1])
         if not more.q.size or not more.value[0] < fits[-1].value[0]:
             break
         fits.append(more)
         models.append(_Linear(problem, more.q[0], nuisances))
-        found, colours = _look(problem, models[-1])
+        found, colours, worth = _look(problem, models[-1])
     evidence = np.array([
         _evidence(problem, model, fit.q[0], colours)
         for model, fit in zip(models, fits, strict=True)
@@ -237,20 +237,25 @@ def find_legs(
     )  # fmt: skip
 
 
-def _look(problem: Problem, model: "_Linear") -> tuple[Alterations, Colours]:
-    """Weigh one more alteration in the noise that is left beside the best one.
+def _look(problem: Problem, model: "_Linear") -> tuple[Alterations, Colours, float]:
+    """Weigh one more alteration, and the noise that is left beside the best one.
 
-    An alteration that is missing looks like noise with a memory until it is fitted.
+    And the probability with which it is worth a fit. An alteration that is missing looks
+    like noise with a memory until it is fitted. It is fitted unless that noise is
+    likelier than white noise is with residuals no larger than was stated: no alteration
+    leaves less.
     """
     if problem.n_rows < FEWEST_ROWS:
-        return NOTHING, NO_MEMORY
+        return NOTHING, NO_MEMORY, 0.0
     found, moves = model.one_more(NO_MEMORY)
-    if found.probability <= WORTH_A_FIT:
-        moves = moves[:, :0]
-    colours = model.colours(moves)
+    worth = found.probability
+    colours = model.colours(moves if worth > WORTH_A_FIT else moves[:, :0])
     if all(colour.is_white for colour in colours):
-        return found, colours
-    return model.one_more(colours)[0], colours
+        return found, colours, worth
+    coloured = model.one_more(colours)[0]
+    if model.is_remembered(colours):
+        worth = coloured.probability
+    return coloured, colours, max(worth, coloured.probability)
 
 
 def _with_durations(problem: Problem) -> Problem:
@@ -445,6 +450,13 @@ class _Linear:
         design = np.concatenate([self._parts.known, more], axis=1)
         prior = np.pad(self._parts.prior_rows, ((0, 0), (0, more.shape[1])))
         return find_colours(self._problem, self._r, self._nuisances, design, prior)
+
+    def is_remembered(self, colours: Colours) -> bool:
+        """Return whether noise with a memory is likelier than any white one can be."""
+        own, white = self._equations(colours), self._equations(NO_MEMORY)
+        left = own.value - own.pull @ scaled_inverse(own.matrix) @ own.pull
+        least = self._problem.n_values - self._q.size - self._problem.n_lines
+        return bool(left + own.noise.log_volume < least + white.noise.log_volume)
 
     def inflation(self, colours: Colours) -> FloatArray:
         """Return by how much bearings, and frequencies, tell less than white ones would."""

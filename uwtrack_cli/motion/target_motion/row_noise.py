@@ -77,13 +77,16 @@ class RowNoise:
         return self.white + sum(one.of_value for one in self.processes)
 
     @cached_property
-    def _solver(self) -> tuple[Any, FloatArray] | None:
-        """Partials of all values by all nodes, and the banded factor of their precision."""
+    def _solver(self) -> tuple[Any, FloatArray, float] | None:
+        """Partials of all values by all nodes, and the banded factor of their precision.
+
+        Behind them the logarithm of the determinant of the nodes' prior covariance.
+        """
         from scipy.linalg import cholesky_banded
         from scipy.sparse import coo_array
 
         times, rows, columns, gains, pairs = [], [], [], [], []
-        first = 0
+        first, volume = 0, 0.0
         for one in self.processes:
             value, place = np.nonzero(one.gain)
             if not value.size:
@@ -106,6 +109,7 @@ class RowNoise:
             pairs.append((here, here, inner))
             pairs.append((here[1:], here[:-1], -decay / new))
             first += keys.size
+            volume += float(np.log(one.variance) + np.log(new).sum())
         if not times:
             return None
         order = np.argsort(np.argsort(np.concatenate(times), kind="stable"))
@@ -122,7 +126,7 @@ class RowNoise:
         row, column, entry = (np.concatenate(part) for part in zip(*parts, strict=True))
         band = np.zeros((int((row - column).max()) + 1, first))
         np.add.at(band, (row - column, column), entry)
-        return partials, cholesky_banded(band, lower=True)
+        return partials, cholesky_banded(band, lower=True), volume
 
     def weigh(self, values: FloatArray) -> FloatArray:
         """Return the inverse covariance times values, shape (values, ...)."""
@@ -131,12 +135,21 @@ class RowNoise:
         plain = values / self.white.reshape(-1, *[1] * (values.ndim - 1))
         if self._solver is None:
             return np.asarray(plain)
-        partials, factor = self._solver
+        partials, factor, _ = self._solver
         shared = cho_solve_banded((factor, True), partials.T @ plain)
         taken = partials @ shared
         return np.asarray(
             plain - taken / self.white.reshape(-1, *[1] * (values.ndim - 1))
         )
+
+    @property
+    def log_volume(self) -> float:
+        """Logarithm of the determinant of the covariance."""
+        total = float(np.log(self.white).sum())
+        if self._solver is None:
+            return total
+        _, factor, volume = self._solver
+        return total + 2.0 * float(np.log(factor[0]).sum()) + volume
 
 
 def row_noise(
