@@ -92,6 +92,9 @@ N_STARTS = 7
 FIRST_STEPS, HOPELESS = 12, 40.0
 """Steps from every start, and the rise over the best from which none goes on."""
 
+MOST_STEPS = 200
+"""Steps of what is left: minima of bearings alone lie in long valleys that bend."""
+
 EDGE = 0.01
 """Share of the record at either end in which no alteration lies."""
 
@@ -308,11 +311,14 @@ def _fitted(
     for other in fit.q[1:3]:
         when = found.instant_s[top]
         starts.append(np.concatenate([other, [0.0, 0.0, when, usual]]))
+    # with instant and duration held: a free instant stays between the rows of its start
+    held = (limits.lower.size - 2, limits.lower.size - 1)
     ends = minimise(
-        problem, np.array(starts), limits, iterations=FIRST_STEPS, tolerance=1e-3
-    )
+        problem, np.array(starts), limits, held=held, iterations=FIRST_STEPS,
+        tolerance=1e-3,
+    )  # fmt: skip
     near = ends.q[ends.value < ends.value.min() + HOPELESS]
-    ends = minimise(problem, near, limits, tolerance=1e-6)
+    ends = minimise(problem, near, limits, iterations=MOST_STEPS, tolerance=1e-6)
     ends = ends.take(np.argsort(ends.value, kind="stable"))
     q = in_order(ends.q)
     q = q[_are_apart(q)]
