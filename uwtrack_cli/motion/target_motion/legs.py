@@ -95,6 +95,9 @@ FIRST_STEPS, HOPELESS = 12, 40.0
 MOST_STEPS = 200
 """Steps of what is left: minima of bearings alone lie in long valleys that bend."""
 
+SCATTER = 2.0
+"""Deviations by which the misfit of white noise may fall short of what is expected."""
+
 EDGE = 0.01
 """Share of the record at either end in which no alteration lies."""
 
@@ -462,6 +465,7 @@ class _Linear:
         own, white = self._equations(colours), self._equations(NO_MEMORY)
         left = own.value - own.pull @ scaled_inverse(own.matrix) @ own.pull
         least = self._problem.n_values - self._q.size - self._problem.n_lines
+        least -= SCATTER * np.sqrt(2.0 * max(least, 0))
         return bool(left + own.noise.log_volume < least + white.noise.log_volume)
 
     def inflation(self, colours: Colours) -> FloatArray:

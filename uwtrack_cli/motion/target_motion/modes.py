@@ -23,7 +23,7 @@ from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.estimation.normal_mixture import widened
+from uwtrack_cli.estimation.normal_mixture import HELD, widened
 from uwtrack_cli.motion.options import Misfit, MotionModel, Search
 from uwtrack_cli.motion.target_motion.error_budget import (
     NuisanceDeviations,
@@ -267,24 +267,29 @@ def find_modes(
     return Modes(q, fit.rest_hz[kept], fit.value[kept], total, between)
 
 
-ALIKE = 25.0
-"""Squared distance, in deviations, of first legs that are one mode."""
-
-
 def _alike(problem: Problem, fit: DescentResult, a: int, b: int) -> bool:
-    """Return whether two minima with alterations have the same first and last leg."""
+    """Return whether two minima with alterations have the same first and last leg.
+
+    Each lies in the other's region of 95 %, which then holds both.
+    """
+    from scipy.special import chdtri
+
     if fit.q.shape[1] == STRAIGHT:
         return False
-    spread = np.linalg.pinv(fit.matrix[[a, b]], hermitian=True).sum(axis=0)
+    reach = float(chdtri(STRAIGHT, 1.0 - HELD))
     first = fit.q[a, :STRAIGHT] - fit.q[b, :STRAIGHT]
     first[1] = wrap_rad(first[1])
     end_s = float(problem.row_time_s[-1])
-    (last, _), (other, rows) = (state_at(fit.q[index], end_s) for index in (a, b))
+    ends = [state_at(fit.q[index], end_s) for index in (a, b)]
+    last = ends[0][0] - ends[1][0]
     return all(
-        off @ np.linalg.pinv(own, hermitian=True) @ off < ALIKE
+        off @ np.linalg.pinv(own, hermitian=True) @ off < reach
+        for (_, rows), spread in zip(
+            ends, np.linalg.pinv(fit.matrix[[a, b]], hermitian=True), strict=True
+        )
         for off, own in (
             (first, spread[:STRAIGHT, :STRAIGHT]),
-            (last - other, rows @ spread @ rows.T),
+            (last, rows @ spread @ rows.T),
         )
     )
 

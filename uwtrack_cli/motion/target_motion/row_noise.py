@@ -17,14 +17,20 @@ independent while it turns little within their correlation time.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.motion.coloured_noise import WHITE, ColouredNoise, fit_coloured_noise
+from uwtrack_cli.estimation.least_squares import orthonormal
+from uwtrack_cli.motion.coloured_noise import (
+    SMALLEST_GAIN,
+    SMALLEST_SHARE,
+    WHITE,
+    ColouredNoise,
+)
 from uwtrack_cli.motion.target_motion.error_budget import (
-    WIDTH_SHARE,
     NuisanceDeviations,
     looks_white,
 )
@@ -35,6 +41,12 @@ Colours = tuple[ColouredNoise, ColouredNoise]
 """Noise with a memory of bearings and of frequencies, in variances of one value."""
 
 NO_MEMORY: Colours = (WHITE, WHITE)
+
+N_CORRELATION_TIMES = 8
+"""Correlation times that are tried, from the rows' spacing to the record's length."""
+
+STRENGTHS = np.geomspace(0.01, 100.0, 9)
+"""Variances of noise with a memory that are tried, over that of white noise."""
 
 SAME_INSTANT = 1e-6
 """Share of a correlation time within which two instants are one node."""
@@ -162,21 +174,21 @@ def row_noise(
     own = RowNoise(np.ones(_n_values(problem)), _navigation(problem, r, nuisances))
     if all(colour.is_white for colour in colours):
         return own
-    variance, time = own.variance, _value_time_s(problem)
-    white, memory = np.ones_like(variance), list[_Process]()
+    time, share = _value_time_s(problem), whitened(problem, r)[1]
+    white, memory = np.ones(own.white.size), list[_Process]()
     for of_kind, colour in zip(_kinds(problem), colours, strict=True):
         white[of_kind] = colour.inflation
-        gain = np.zeros_like(variance)
-        gain[of_kind] = _shared_gain(problem, r, variance, of_kind)
+        gain = np.zeros(white.size)
+        root = np.sqrt(np.maximum(_count(problem, of_kind), 1.0))
+        each = (share * _measured(problem))[of_kind].reshape(-1, root.size) / root
+        gain[of_kind] = each.ravel()
         memory += [
             _Process(colour.inflation * strength, time_s, time, gain[:, np.newaxis])
             for strength, time_s in zip(
                 colour.variance.tolist(), colour.correlation_time_s.tolist(), strict=True
             )
         ]  # fmt: skip
-    root = np.sqrt(white)[:, np.newaxis]
-    known = [replace(one, gain=root * one.gain) for one in own.processes]
-    return RowNoise(white, (*known, *memory))
+    return RowNoise(white, (*own.processes, *memory))
 
 
 def find_colours(
@@ -196,33 +208,84 @@ def find_colours(
     One series stands for a kind: the sum of its values at a row over the root of their
     number, which holds what they have in common.
     """
-    variance = row_noise(problem, r, nuisances).variance
+    own = _navigation(problem, r, nuisances)
     z, _ = whitened(problem, r)
-    width_s = WIDTH_SHARE * float(np.ptp(problem.row_time_s))
     kinds, found = _kinds(problem), []
     for number, of_kind in enumerate(kinds):
         count = _count(problem, of_kind)
         if not count.any():
             found.append(WHITE)
             continue
-        scale = _pooled_scale(variance, of_kind, count)
-        value, columns = (
-            _pooled(x, of_kind, count) / scale.reshape(-1, *[1] * (x.ndim - 1))
-            for x in (z, design)
-        )
         measured = count > 0
-        if looks_white(value[measured]):
+        value, columns = (_pooled(x, of_kind, count)[measured] for x in (z, design))
+        known = tuple(
+            replace(
+                one, time_s=one.time_s[of_kind][: count.size][measured],
+                gain=_pooled(one.gain, of_kind, count)[measured],
+            )
+            for one in own
+        )  # fmt: skip
+        expected = RowNoise(np.ones(value.size), known).variance
+        if looks_white(value / np.sqrt(expected)):
             found.append(WHITE)
             continue
         rest = np.concatenate([design[kinds[1 - number]], prior_rows])
         upper = np.asarray(np.linalg.qr(rest, mode="r"))
         found.append(
-            fit_coloured_noise(
-                value, measured.astype(float), problem.row_time_s, columns, width_s,
-                (np.zeros(len(upper)), upper),
-            )
-        )  # fmt: skip
+            _memory(value, problem.row_time_s[measured], columns, upper, known)
+        )
     return found[0], found[1]
+
+
+def _memory(
+    value: FloatArray,
+    time_s: FloatArray,
+    design: FloatArray,
+    others: FloatArray,
+    known: tuple[_Process, ...],
+) -> ColouredNoise:
+    """Return white and Markov noise of a series by the restricted likelihood.
+
+    Residuals in stated deviations, shape (n,), what was fitted to them, shape (n, p), what
+    holds that in place elsewhere, shape (k, p), and the noise that is known. The mean over all strengths and correlation
+    times that are likely, uniform in their logarithms; the total is no smaller than was
+    stated.
+    """
+    basis = orthonormal(np.concatenate([design, others]))
+    n, step_s = value.size, float(np.median(np.diff(time_s)))
+    own = np.column_stack([value, basis[:n]])
+    rest = basis[n:].T @ basis[n:]
+    times = np.geomspace(step_s, float(np.ptp(time_s)), N_CORRELATION_TIMES)
+    odds = np.append(0.0, STRENGTHS)
+    likelihood = np.full((times.size, odds.size), -np.inf)
+    total = np.ones_like(likelihood)
+    plain, white = 0.0, 0.0
+    for (row, memory_s), (column, more) in product(enumerate(times), enumerate(odds)):
+        share = more / (1.0 + more)
+        if row and not share:
+            continue
+        memory = _Process(share, memory_s, time_s[:, np.newaxis], np.ones((n, 1)))
+        noise = RowNoise(
+            np.full(n, 1.0 - share), (*known, memory) if share else known
+        )
+        gram = own.T @ noise.weigh(own)
+        matrix = gram[1:, 1:] + rest
+        square = float(gram[0, 0] - gram[0, 1:] @ np.linalg.solve(matrix, gram[0, 1:]))
+        total[row, column] = power = max(square / n, 1.0)
+        volume = noise.log_volume + float(np.linalg.slogdet(matrix)[1])
+        likelihood[row, column] = -0.5 * (n * np.log(power) + square / power + volume)
+        if not share:
+            plain, white = -0.5 * (square + volume), float(likelihood[row, column])
+    chance = np.exp(likelihood - likelihood.max())
+    chance[:, 0] = 0.0
+    if likelihood[:, 1:].max() <= white + SMALLEST_GAIN:
+        inflation = float(total[0, 0]) if white > plain + SMALLEST_GAIN else 1.0
+        return ColouredNoise(np.empty(0), np.empty(0), inflation)
+    weight = chance / chance.sum() * total
+    inner = float((weight / (1.0 + odds)).sum())
+    strength = (weight * (odds / (1.0 + odds))).sum(axis=1) / inner
+    kept = strength > SMALLEST_SHARE * strength.sum()
+    return ColouredNoise(strength[kept], times[kept], inner)
 
 
 def whitened(problem: Problem, r: Residuals) -> tuple[FloatArray, FloatArray]:
@@ -264,29 +327,6 @@ def _count(problem: Problem, of_kind: slice) -> FloatArray:
     return np.asarray(
         _measured(problem)[of_kind].reshape(-1, problem.n_rows).sum(axis=0)
     )
-
-
-def _pooled_scale(
-    variance: FloatArray, of_kind: slice, count: FloatArray
-) -> FloatArray:
-    """Return the deviation of a kind's pooled values, with all that is known of them.
-
-    What own navigation does to the values of a row it does to all of them.
-    """
-    more = (variance - 1.0)[of_kind].reshape(-1, count.size).sum(axis=0)
-    return np.asarray(np.sqrt(1.0 + more))
-
-
-def _shared_gain(
-    problem: Problem, r: Residuals, variance: FloatArray, of_kind: slice
-) -> FloatArray:
-    """Return the partials of a kind's values by its memory, that of unit pooled values."""
-    count = _count(problem, of_kind)
-    _, share = whitened(problem, r)
-    scale = _pooled_scale(variance, of_kind, count)
-    scale = scale / np.sqrt(np.maximum(count, 1.0))
-    gain = (share * _measured(problem))[of_kind].reshape(-1, count.size) * scale
-    return np.asarray(gain.ravel())
 
 
 def _navigation(
