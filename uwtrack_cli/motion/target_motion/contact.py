@@ -60,7 +60,7 @@ from uwtrack_cli.motion.target_motion.own_ship import (
 )
 from uwtrack_cli.motion.target_motion.problem import Problem, without_rows
 from uwtrack_cli.motion.target_motion.row_mixture import RowMixture
-from uwtrack_cli.motion.target_motion.row_noise import row_noise
+from uwtrack_cli.motion.target_motion.row_noise import alike_rows, row_noise
 from uwtrack_cli.motion.target_motion.solvers.marquardt import (
     DescentResult,
     SearchBounds,
@@ -257,22 +257,24 @@ others, or outliers, are sought among measurements of stated deviations."""
 def _miss(legs: Legs, nuisances: NuisanceDeviations) -> tuple[bool, bool]:
     """Return whether bearings, and frequencies, miss by more than their deviations.
 
-    These are of the noise that was stated and of own navigation.
+    These are of the noise that was stated and of own navigation; noise with a memory
+    makes fewer values independent.
     """
     problem = legs.problem
     r = residuals(problem, legs.fit.q[:1])
     variance = row_noise(problem, r, nuisances).variance
     n = problem.bearing_weight.size
     found = []
-    for z, weight, expected in (
-        (r.bearing, problem.bearing_weight, variance[:n]),
-        (r.frequency, problem.frequency_weight, variance[n:]),
+    for z, weight, expected, colour in (
+        (r.bearing, problem.bearing_weight, variance[:n], legs.colours[0]),
+        (r.frequency, problem.frequency_weight, variance[n:], legs.colours[1]),
     ):
         each = loss_value(z, problem.loss).ravel() / expected
         count = int(np.count_nonzero(weight))
         freedom = max(count - legs.fit.q.shape[1], 1)
         excess = float(each.sum()) / freedom - 1.0
-        found.append(bool(excess > LARGE_MISFIT * np.sqrt(2.0 / freedom)))
+        scatter = np.sqrt(2.0 * alike_rows(colour, problem.row_time_s) / freedom)
+        found.append(bool(excess > LARGE_MISFIT * scatter))
     return found[0], found[1]
 
 

@@ -215,21 +215,20 @@ def find_legs(
     """Fit as many legs as the evidence asks for, from the best straight motions."""
     problem = _with_durations(problem)
     span = float(np.ptp(problem.row_time_s))
-    fits, bounds = [straight], [limits]
-    models = [_Linear(problem, straight.q[0], nuisances)]
-    found, colours, worth = _look(problem, models[-1])
-    while worth > WORTH_A_FIT and len(fits) <= MOST_ALTERATIONS:
+    fits, bounds, models = [straight], [limits], list[_Linear]()
+    while True:
+        models.append(_Linear(problem, fits[-1].q[0], nuisances))
+        found, colours, worth = _look(problem, models[-1])
+        evidence = np.array([one.evidence(colours) for one in models])
+        # odds of the next number of legs over the likeliest so far
+        odds = np.exp(evidence[-1] - evidence.max()) * worth / max(1.0 - worth, 1e-300)
+        if odds < WORTH_A_FIT / (1.0 - WORTH_A_FIT) or len(fits) > MOST_ALTERATIONS:
+            break
         bounds.append(_with_one_more(bounds[-1], problem, span))
         more = _fitted(problem, fits[-1], found, bounds[-1])
         if not more.q.size or not more.value[0] < fits[-1].value[0]:
             break
         fits.append(more)
-        models.append(_Linear(problem, more.q[0], nuisances))
-        found, colours, worth = _look(problem, models[-1])
-    evidence = np.array([
-        _evidence(problem, model, fit.q[0], colours)
-        for model, fit in zip(models, fits, strict=True)
-    ])  # fmt: skip
     best = int(evidence.argmax())
     if len(fits) == 1:
         gain, probability = float(found.gain.max(initial=0.0)), found.probability
@@ -355,32 +354,6 @@ def _weighed(problem: Problem, inflation: FloatArray) -> Problem:
     )
 
 
-def _evidence(
-    problem: Problem, model: "_Linear", q: FloatArray, colours: Colours
-) -> float:
-    """Return the log evidence of a number of legs, by Laplace's approximation.
-
-    Up to what all numbers have in common. An instant is likely anywhere in the record,
-    a change has the widest of its priors or, with smaller odds, narrower ones.
-    """
-    span_s = float(np.ptp(problem.row_time_s))
-    misfit_value, matrix = model.least(colours)
-    value = 0.0
-    for first in range(STRAIGHT, q.size, PER_ALTERATION):
-        matrix[first + 2, first + 2] += 12.0 / span_s**2
-        change = q[first : first + 2]
-        widths = np.array(CHANGE_STDS_MPS)
-        narrow = -0.5 * (change @ change) / widths**2 - 2.0 * np.log(widths)
-        own = problem.prior.change_std_mps
-        value += np.log(np.exp(narrow).mean()) + 0.5 * (change @ change) / own**2
-        value -= np.log(problem.prior.log_duration.std) + np.log(span_s)
-        value += 0.5 * np.log(2.0 * np.pi) + np.log(_prior_odds(span_s))
-    scale = np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
-    values = np.linalg.eigvalsh(matrix / np.outer(scale, scale))
-    volume = np.log(np.maximum(values, 1e-13)).sum() + 2.0 * np.log(scale).sum()
-    return float(value - 0.5 * misfit_value - 0.5 * volume)
-
-
 def _prior_odds(span_s: float) -> float:
     return ALTERATIONS_PER_HOUR * span_s / 3600.0
 
@@ -495,6 +468,31 @@ class _Linear:
         size = self._q.size
         chain[:size, :size] = state_jacobian(self._q[np.newaxis])[0]
         return own.value - float(gained) + float(outlying), chain.T @ own.matrix @ chain
+
+
+    def evidence(self, colours: Colours) -> float:
+        """Return the log evidence of the motion's number of legs, by Laplace.
+
+        Up to what all numbers have in common. An instant is likely anywhere in the
+        record, a change has the widest of its priors or, with smaller odds, narrower ones.
+        """
+        span_s = float(np.ptp(self._problem.row_time_s))
+        prior = self._problem.prior
+        misfit_value, matrix = self.least(colours)
+        value = 0.0
+        for first in range(STRAIGHT, self._q.size, PER_ALTERATION):
+            matrix[first + 2, first + 2] += 12.0 / span_s**2
+            change = self._q[first : first + 2]
+            widths = np.array(CHANGE_STDS_MPS)
+            narrow = -0.5 * (change @ change) / widths**2 - 2.0 * np.log(widths)
+            value += np.log(np.exp(narrow).mean())
+            value += 0.5 * (change @ change) / prior.change_std_mps**2
+            value -= np.log(prior.log_duration.std) + np.log(span_s)
+            value += 0.5 * np.log(2.0 * np.pi) + np.log(_prior_odds(span_s))
+        scale = np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
+        values = np.linalg.eigvalsh(matrix / np.outer(scale, scale))
+        volume = np.log(np.maximum(values, 1e-13)).sum() + 2.0 * np.log(scale).sum()
+        return float(value - 0.5 * misfit_value - 0.5 * volume)
 
 
 @dataclass(frozen=True, eq=False)

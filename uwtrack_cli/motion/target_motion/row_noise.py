@@ -288,6 +288,19 @@ def _memory(
     return ColouredNoise(strength[kept], times[kept], inner)
 
 
+def alike_rows(colour: ColouredNoise, time_s: FloatArray) -> float:
+    """Return the rows that count as one in the scatter of a mean square.
+
+    The sum of the squared correlations over all lags (Bartlett 1946).
+    """
+    if not colour.variance.size or time_s.size < 2:
+        return 1.0
+    lag = np.arange(time_s.size) * float(np.ptp(time_s)) / (time_s.size - 1)
+    like = np.exp(-lag[1:, np.newaxis] / colour.correlation_time_s) @ colour.variance
+    like = like / (1.0 + colour.variance.sum())
+    return 1.0 + 2.0 * float((like**2).sum())
+
+
 def whitened(problem: Problem, r: Residuals) -> tuple[FloatArray, FloatArray]:
     """Return residuals as the loss weighs them, and the root of that weight."""
     z = np.concatenate([r.bearing[0].ravel(), r.frequency[0].ravel()])
