@@ -11,6 +11,7 @@ from scipy.stats import chi2, multivariate_normal
 from studies import genetic, hybrid
 from studies.simplex import nelder_mead
 from tests.motion.sonar_scene import Scene as SonarScene
+from tests.motion.test_target_laws import STATE
 from tests.motion.test_sub_bands import LAW, PLACE_S, heights, levels_of
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.errors import DataError
@@ -47,13 +48,16 @@ from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target_motion.inputs import Measurements
 from uwtrack_cli.motion.target_motion.model import to_motion
 from uwtrack_cli.motion.target_motion.modes import Interval, TmaOptions
+from uwtrack_cli.motion.target_motion.objective import residuals
 from uwtrack_cli.motion.target_motion.observability import (
     Information,
     assess,
     criterion_probability,
 )
 from uwtrack_cli.motion.target_motion.own_ship import OwnPath, bend_rad
+from uwtrack_cli.motion.target_motion.row_noise import NO_MEMORY
 from uwtrack_cli.motion.target_motion.solvers.marquardt import (
+    DescentResult,
     SearchBounds,
     search_bounds,
 )
@@ -606,11 +610,14 @@ def test_a_profile_ends_where_a_parabola_has_risen_or_at_the_limit(
 
     def fit(_self, trials, **_):
         value = 50.0 + ((trials[:, 0] - 3.0) / 0.7) ** 2
-        return SimpleNamespace(value=value, q=trials)
+        rest, matrix = np.empty((len(trials), 0)), np.ones((len(trials), 4, 4))
+        return DescentResult(trials, rest, value, matrix)
 
     monkeypatch.setattr(modes._Profile, "_fit", fit)
     profile = modes._Profile(None, limits, 0, 3.841, False)
-    end, was_cut = profile.side(centre, side * guess * 0.7)
+    end, was_cut, way = profile.side(centre, side * guess * 0.7)
+    excess = ((way.q[:, 0] - 3.0) / 0.7) ** 2
+    np.testing.assert_allclose(way.value, excess, atol=1e-9)
     assert was_cut is is_open
     assert end == pytest.approx(
         3.0 + side * (room if is_open else 1.0) * reach, abs=1e-6
@@ -631,20 +638,29 @@ def test_an_ellipse_without_extent_or_sense_holds_nothing(covariance):
 
 
 @pytest.mark.parametrize(("off", "asks"), [(-0.01, False), (0.01, True)])
+@pytest.mark.parametrize("told", [0.0, 500.0])
 def test_others_are_sought_where_the_misfit_exceeds_five_deviations(
-    monkeypatch, off, asks
+    monkeypatch, off, asks, told
 ):
-    problem = SonarScene(1, "interval").problem(offsets=False)
-    freedom = problem.n_values - 4 - problem.n_lines
-    value = freedom * (1 + 5 * np.sqrt(2 / freedom) + off)
+    """Beyond what own navigation, told to so many metres, does to the bearings."""
+    problem = replace(SonarScene(1, "interval").problem(offsets=False), sensor=None)
+    q = STATE[np.newaxis]
+    found, nuisances = residuals(problem, q), NuisanceDeviations(own_position_m=told)
+    count = problem.bearing_weight.size
+    across = 1.0 / np.hypot(*found.prediction.bearing_jacobian[0, :2])
+    expected = 1.0 + (problem.bearing_weight[0] * told / across) ** 2
+    freedom = count - 4
+    power = freedom * (1 + 5 * np.sqrt(2 / freedom) + off) / count
+    bearing = np.sqrt(power * expected)[np.newaxis, np.newaxis]
     asked = []
     monkeypatch.setattr(contact, "_is_told", lambda *_: True)
     monkeypatch.setattr(
-        contact, "misfit", lambda *_: SimpleNamespace(value=np.array([value]))
+        contact, "residuals", lambda *_: replace(found, bearing=bearing)
     )
     monkeypatch.setattr(contact, "associate", lambda *_, is_told: asked.append(is_told))
-    legs = SimpleNamespace(fit=SimpleNamespace(q=np.zeros((1, 4))))
-    assert contact._sources(problem, legs, None, None, None) is None
+    legs = SimpleNamespace(fit=SimpleNamespace(q=q), problem=problem, colours=NO_MEMORY)
+    options = SimpleNamespace(nuisances=nuisances)
+    assert contact._sources(problem, legs, None, None, options) is None
     assert asked == ([True] if asks else [])
 
 

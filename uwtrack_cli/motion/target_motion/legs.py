@@ -30,6 +30,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target_motion.model import (
     PER_ALTERATION,
@@ -178,6 +179,20 @@ NOTHING = Alterations(
 
 
 @dataclass(frozen=True, eq=False)
+class Rival:
+    """The best motion with another number of legs."""
+
+    q: FloatArray
+    """The motion in solver coordinates, shape (p,)."""
+    weight: float
+    """Probability of that number of legs."""
+
+
+SMALLEST_WEIGHT = 1e-3
+"""Probability below which another number of legs is left out."""
+
+
+@dataclass(frozen=True, eq=False)
 class Legs:
     """The motions with the number of legs that the record asks for."""
 
@@ -195,6 +210,8 @@ class Legs:
     """Factor by which bearings, and frequencies, tell less than white ones would."""
     problem: Problem
     """The problem, with the prior of durations that its rows can tell."""
+    rivals: tuple[Rival, ...] = ()
+    """Motions with other numbers of legs that the record leaves possible."""
 
     def weighed(self) -> tuple[Problem, DescentResult]:
         """Return problem and minima with the weights that noise with a memory leaves."""
@@ -215,14 +232,20 @@ def find_legs(
     """Fit as many legs as the evidence asks for, from the best straight motions."""
     problem = _with_durations(problem)
     span = float(np.ptp(problem.row_time_s))
-    fits, bounds, models = [straight], [limits], list[_Linear]()
+    fits, bounds, models = [straight], [limits], list[list[_Linear]]()
     while True:
-        models.append(_Linear(problem, fits[-1].q[0], nuisances))
-        found, colours, worth = _look(problem, models[-1])
-        evidence = np.array([one.evidence(colours) for one in models])
+        minima = _minima_apart(fits[-1])
+        models.append([_Linear(problem, q, nuisances) for q in minima])
+        found, colours, worth = _look(problem, models[-1][0])
+        each = [[one.evidence(colours) for one in number] for number in models]
+        # minima of one number share a valley: their volumes do not add
+        evidence = np.array([number[0] for number in each])
         # odds of the next number of legs over the likeliest so far
         odds = np.exp(evidence[-1] - evidence.max()) * worth / max(1.0 - worth, 1e-300)
-        if odds < WORTH_A_FIT / (1.0 - WORTH_A_FIT) or len(fits) > MOST_ALTERATIONS:
+        # beside the likeliest number that is not one, the next one is fitted, too
+        is_last = 0 < int(evidence.argmax()) == len(fits) - 1
+        goes_on = is_last or odds > WORTH_A_FIT / (1.0 - WORTH_A_FIT)
+        if not goes_on or len(fits) > MOST_ALTERATIONS:
             break
         bounds.append(_with_one_more(bounds[-1], problem, span))
         more = _fitted(problem, fits[-1], found, bounds[-1])
@@ -234,12 +257,52 @@ def find_legs(
         gain, probability = float(found.gain.max(initial=0.0)), found.probability
     else:
         others = np.exp(np.clip(evidence - evidence[0], -500.0, 500.0))[1:].sum()
-        gain = models[0].least(colours)[0] - models[1].least(colours)[0]
+        gain = models[0][0].least(colours)[0] - models[1][0].least(colours)[0]
         probability = float(others / (1.0 + others))
+    rivals = _rivals(models, each, best)
     return Legs(
         fits[best], bounds[best], gain, probability, colours,
-        models[best].inflation(colours), problem,
+        models[best][0].inflation(colours), problem, rivals,
     )  # fmt: skip
+
+
+def _rivals(
+    models: "list[list[_Linear]]", evidence: list[list[float]], best: int
+) -> tuple[Rival, ...]:
+    """Return the motions with other numbers of legs, with their probabilities.
+
+    A number is as likely as its likeliest minimum, and its minima share that.
+    """
+    total = np.logaddexp.reduce([max(number) for number in evidence])
+    found = []
+    for number, chances in enumerate(evidence):
+        if number == best:
+            continue
+        weights = np.exp(chances - np.logaddexp.reduce(chances) + max(chances) - total)
+        found += [
+            Rival(model.q, weight)
+            for model, weight in zip(models[number], weights.tolist(), strict=True)
+            if weight > SMALLEST_WEIGHT
+        ]
+    return tuple(found)
+
+
+HIGHEST = 15.0
+"""Rise of the misfit over the best one from which a minimum has no weight."""
+
+
+def _minima_apart(fit: DescentResult) -> FloatArray:
+    """Return the minima of one number of legs that are more than a deviation apart."""
+    kept = [0]
+    if fit.q.shape[1] == STRAIGHT:
+        return fit.q[kept]
+    for index in np.flatnonzero(fit.value < fit.value[0] + HIGHEST).tolist():
+        off = fit.q[index] - fit.q[kept]
+        off[:, 1] = wrap_rad(off[:, 1])
+        away = np.einsum("kp,kpq,kq->k", off, fit.matrix[kept], off)
+        if (away > 1.0).all():
+            kept.append(index)
+    return fit.q[kept]
 
 
 def _look(problem: Problem, model: "_Linear") -> tuple[Alterations, Colours, float]:
@@ -310,7 +373,7 @@ def _fitted(
         starts.append(np.concatenate([moved, change, [when, usual]]))
     # the other minima of the straight motion, where the record begins otherwise
     top = instants[int(np.argmax(chances[instants]))]
-    for other in fit.q[1:3]:
+    for other in _minima_apart(fit)[1:]:
         when = found.instant_s[top]
         starts.append(np.concatenate([other, [0.0, 0.0, when, usual]]))
     # with instant and duration held: a free instant stays between the rows of its start
@@ -376,7 +439,7 @@ class _Linear:
     def __init__(
         self, problem: Problem, q: FloatArray, nuisances: NuisanceDeviations
     ) -> None:
-        self._problem, self._q, self._nuisances = problem, q, nuisances
+        self._problem, self.q, self._nuisances = problem, q, nuisances
         self._r = residuals(problem, q[np.newaxis])
         self._parts = _Parts(problem, q, self._r, nuisances)
 
@@ -393,7 +456,7 @@ class _Linear:
 
     def one_more(self, colours: Colours) -> tuple[Alterations, FloatArray]:
         """Weigh one more alteration; and what the best one does, (values, 2)."""
-        problem, q, parts = self._problem, self._q, self._parts
+        problem, q, parts = self._problem, self.q, self._parts
         own = self._equations(colours)
         inverse = scaled_inverse(own.matrix)
         rows = np.linspace(FIRST_SHARE, LAST_SHARE, N_INSTANTS) * (problem.n_rows - 1)
@@ -437,7 +500,7 @@ class _Linear:
         """Return whether noise with a memory is likelier than any white one can be."""
         own, white = self._equations(colours), self._equations(NO_MEMORY)
         left = own.value - own.pull @ scaled_inverse(own.matrix) @ own.pull
-        least = self._problem.n_values - self._q.size - self._problem.n_lines
+        least = self._problem.n_values - self.q.size - self._problem.n_lines
         least -= SCATTER * np.sqrt(2.0 * max(least, 0))
         return bool(left + own.noise.log_volume < least + white.noise.log_volume)
 
@@ -465,10 +528,9 @@ class _Linear:
         z = np.concatenate([r.bearing[0].ravel(), r.frequency[0].ravel()])
         outlying = loss_value(z, problem.loss).sum() - self._parts.z @ self._parts.z
         chain = np.eye(len(own.matrix))
-        size = self._q.size
-        chain[:size, :size] = state_jacobian(self._q[np.newaxis])[0]
+        size = self.q.size
+        chain[:size, :size] = state_jacobian(self.q[np.newaxis])[0]
         return own.value - float(gained) + float(outlying), chain.T @ own.matrix @ chain
-
 
     def evidence(self, colours: Colours) -> float:
         """Return the log evidence of the motion's number of legs, by Laplace.
@@ -480,9 +542,9 @@ class _Linear:
         prior = self._problem.prior
         misfit_value, matrix = self.least(colours)
         value = 0.0
-        for first in range(STRAIGHT, self._q.size, PER_ALTERATION):
+        for first in range(STRAIGHT, self.q.size, PER_ALTERATION):
             matrix[first + 2, first + 2] += 12.0 / span_s**2
-            change = self._q[first : first + 2]
+            change = self.q[first : first + 2]
             widths = np.array(CHANGE_STDS_MPS)
             narrow = -0.5 * (change @ change) / widths**2 - 2.0 * np.log(widths)
             value += np.log(np.exp(narrow).mean())
@@ -550,9 +612,7 @@ class _Parts:
         prior_z = np.zeros(1 + n_constant)
         if std is None:
             compass = np.radians(nuisances.compass_deg)
-            others[:n_bearings, -1] = (
-                compass * np.broadcast_to(weight_b, shape).ravel()
-            )
+            others[:n_bearings, -1] = compass * np.broadcast_to(weight_b, shape).ravel()
         else:
             plain = share_b * problem.bearing_weight
             for stream in range(streams):

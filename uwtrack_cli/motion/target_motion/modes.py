@@ -23,7 +23,7 @@ from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.estimation.normal_mixture import HELD, widened
+from uwtrack_cli.estimation.normal_mixture import HALF_WIDTH, HELD, half_width, widened
 from uwtrack_cli.motion.options import Misfit, MotionModel, Search
 from uwtrack_cli.motion.target_motion.error_budget import (
     NuisanceDeviations,
@@ -33,6 +33,7 @@ from uwtrack_cli.motion.target_motion.joint_region import ellipse_holds
 from uwtrack_cli.motion.target_motion.legs import (
     NOTHING,
     Alterations,
+    Rival,
     seek_alteration,
 )
 from uwtrack_cli.motion.target_motion.model import (
@@ -50,6 +51,7 @@ from uwtrack_cli.motion.target_motion.observability import (
     Observability,
     assess,
     information,
+    scaled_inverse,
 )
 from uwtrack_cli.motion.target_motion.problem import MotionPrior, Problem
 from uwtrack_cli.motion.target_motion.row_noise import NO_MEMORY, Colours
@@ -81,6 +83,8 @@ class Interval:
     """Whether the search limits cut the lower side."""
     open_high: bool
     """Whether the search limits cut the upper side."""
+    ways: tuple[DescentResult, ...] = ()
+    """The fits along the profile, to the lower side and to the upper one."""
 
     @property
     def is_open(self) -> bool:
@@ -89,12 +93,8 @@ class Interval:
 
     def widened(self, centre: float, ratio: float) -> "Interval":
         """Return the interval stretched about its centre."""
-        return Interval(
-            centre - ratio * (centre - self.low),
-            centre + ratio * (self.high - centre),
-            self.open_low,
-            self.open_high,
-        )
+        low, high = (centre + ratio * (end - centre) for end in (self.low, self.high))
+        return replace(self, low=low, high=high)
 
 
 def profile_interval(
@@ -114,9 +114,9 @@ def profile_interval(
     polar = coordinate >= 2
     centre = to_polar(q) if polar else q.copy()
     profile = _Profile(problem, _bounds(limits, polar=polar), coordinate, rise, polar)
-    low, open_low = profile.side(centre, -deviation)
-    high, open_high = profile.side(centre, deviation)
-    return Interval(low, high, open_low, open_high)
+    low, open_low, before = profile.side(centre, -deviation)
+    high, open_high, behind = profile.side(centre, deviation)
+    return Interval(low, high, open_low, open_high, (before, behind))
 
 
 def _bounds(limits: SearchBounds, *, polar: bool) -> SearchBounds:
@@ -155,8 +155,14 @@ class _Profile:
         """Return that of a descent; an instant between rows has a misfit with kinks."""
         return usual if self.bounds.lower.size == STRAIGHT else LOOSE
 
-    def side(self, centre: FloatArray, deviation: float) -> tuple[float, bool]:
-        """Follow the profile to one side: the crossing, and whether it was cut."""
+    def side(
+        self, centre: FloatArray, deviation: float
+    ) -> tuple[float, bool, DescentResult]:
+        """Follow the profile to one side: the crossing, whether it was cut, and the way.
+
+        The way holds the fit at every point, with its excess over the first as value.
+        """
+        way = list[DescentResult]()
         place = float(centre[self.coordinate])
         ends = self.bounds.upper if deviation > 0 else self.bounds.lower
         end = ends[self.coordinate]
@@ -173,12 +179,15 @@ class _Profile:
                 base = float(fit.value[0])
             excess, arrived = fit.value - base, fit.q.copy()
             self._follow_on(arrived, excess, trials[:, self.coordinate], base)
+            way.append(DescentResult(arrived, fit.rest_hz, excess, fit.matrix))
             if (excess > self.rise).any():
-                return _crossing(place + value, excess, self.rise), False
+                end, is_cut = _crossing(place + value, excess, self.rise), False
+                break
+            end, is_cut = float(place + reach), True
             if reach == room:
-                return float(place + room), True
+                break
             start, done, reach = arrived[-1], reach, 3.0 * reach
-        return float(place + done), True
+        return end, is_cut, DescentResult.join(way)
 
     def _follow_on(
         self, arrived: FloatArray, excess: FloatArray, place: FloatArray, base: float
@@ -369,6 +378,19 @@ class TmaOptions:
 
 
 @dataclass(frozen=True, eq=False)
+class Part:
+    """A part of what the record leaves possible."""
+
+    q: FloatArray
+    """Motion in solver coordinates, shape (p,); p may be that of another number of
+    legs."""
+    covariance: FloatArray
+    """Of these, shape (p, p)."""
+    weight: float
+    """Probability of the part."""
+
+
+@dataclass(frozen=True, eq=False)
 class ModeAnswer:
     """What is known of one mode."""
 
@@ -421,17 +443,21 @@ def describe_mode(
     *,
     scale: float,
     colours: Colours = NO_MEMORY,
+    rivals: tuple[Rival, ...] = (),
 ) -> ModeAnswer:
     """Work out what one of the modes says of the target.
 
     ``scale`` is that of likelihood ratios under the loss, 1 for least squares;
-    ``colours`` are the memory of the noise, as `find_legs` gives it.
+    ``colours`` are the memory of the noise and ``rivals`` motions with other numbers of legs,
+    as `find_legs` gives them.
     """
     from scipy.special import chdtri
 
     q = modes.q[index]
     end_s = float(problem.row_time_s[-1])
-    more = seek_alteration(problem, q, options.nuisances, colours)
+    more = NOTHING
+    if not any(rival.q.size > q.size for rival in rivals):
+        more = seek_alteration(problem, q, options.nuisances, colours)
     moved = more.spread(q, problem.n_lines)
     found = information(problem, q)
     budget = error_budget(
@@ -447,8 +473,16 @@ def describe_mode(
     white = found.covariance()
     r = residuals(problem, q[np.newaxis])
     own_covariance = inner[: q.size, : q.size]
-    now, now_std = seen_at(problem, q, own_covariance, end_s, more)
     rise = scale * float(chdtri(1, 1.0 - options.search.confidence))
+    intervals = _intervals(problem, q, (white, covariance), limits, rise)
+    parts = _parts(problem, q, rivals, intervals, inner, options, scale)
+    now, now_std = seen_at(problem, q, own_covariance, end_s, more, parts)
+    if parts:
+        _, first_std = seen_at(problem, q, own_covariance, 0.0, more, parts)
+        ratio = np.ones(len(covariance))
+        plain = np.sqrt(np.maximum(np.diagonal(covariance)[:STRAIGHT], 1e-300))
+        ratio[:STRAIGHT] = first_std / plain
+        covariance = covariance * np.outer(ratio, ratio)
     return ModeAnswer(
         q=q,
         rest_hz=modes.rest_hz[index],
@@ -458,10 +492,10 @@ def describe_mode(
         solver_covariance=inner,
         now=now,
         now_std=now_std,
-        legs=legs_of(problem, q, own_covariance, more),
+        legs=legs_of(problem, q, own_covariance, more, parts),
         observability=assess(found, to_motion(q)),
         ellipse_holds=ellipse_holds(problem, q, white[: q.size, : q.size], scale),
-        intervals=_intervals(problem, q, (white, covariance), limits, rise),
+        intervals=intervals,
         range_per_sound_speed=_sound_speed_effect(problem, q, limits),
         at_limit_m=_limit_met(q, limits),
         nuisance_shares={
@@ -471,6 +505,35 @@ def describe_mode(
         bearing_residual_deg=_mean_residual(problem, r),
         offset_deg=np.degrees(r.offset_rad[0]),
     )
+
+
+def _parts(
+    problem: Problem,
+    q: FloatArray,
+    rivals: tuple[Rival, ...],
+    intervals: dict[str, Interval],
+    covariance: FloatArray,
+    options: TmaOptions,
+    scale: float,
+) -> tuple[Part, ...]:
+    """Return the parts of the posterior; none where the motion alone stands for it."""
+    own: tuple[Part, ...] = (Part(q, covariance[: q.size, : q.size], 1.0),)
+    if q.size > STRAIGHT:
+        white = information(problem, q).covariance(people=False)
+        beyond = (covariance - white)[: q.size, : q.size]
+        own = _valley(q, intervals["range"], beyond, scale)
+    elif not rivals:
+        return ()
+    left = 1.0 - sum(rival.weight for rival in rivals)
+    found = [replace(one, weight=left * one.weight) for one in own]
+    for rival in rivals:
+        budget = error_budget(
+            problem, rival.q, information(problem, rival.q), options.nuisances,
+            with_coloured_noise=options.is_table,
+        )  # fmt: skip
+        size = rival.q.size
+        found.append(Part(rival.q, budget.covariance[:size, :size], rival.weight))
+    return tuple(found)
 
 
 def _mean_residual(problem: Problem, r: Residuals) -> FloatArray:
@@ -510,7 +573,11 @@ class Leg:
 
 
 def legs_of(
-    problem: Problem, q: FloatArray, covariance: FloatArray, more: Alterations
+    problem: Problem,
+    q: FloatArray,
+    covariance: FloatArray,
+    more: Alterations,
+    parts: tuple[Part, ...] = (),
 ) -> tuple[Leg, ...]:
     """Return the legs of a motion; the covariance is of its solver coordinates."""
     end_s = float(problem.row_time_s[-1])
@@ -522,7 +589,10 @@ def legs_of(
         else:
             end = end_s
         # a moment after the alteration, whose partials end there
-        state, std = seen_at(problem, q, covariance, begin + 1e-6, more)
+        state, std = seen_at(problem, q, covariance, begin + 1e-6, more, parts)
+        if parts:  # in its middle no other motion is still altering to the leg
+            middle_s = 0.5 * (begin + end)
+            std[2:] = seen_at(problem, q, covariance, middle_s, more, parts)[1][2:]
         found.append(Leg(begin, end, state, std, *altered))
         if first < q.size:
             begin = min(middle + half, end_s)
@@ -537,11 +607,40 @@ def seen_at(
     covariance: FloatArray,
     time_s: float,
     more: Alterations = NOTHING,
+    parts: tuple[Part, ...] = (),
 ) -> tuple[FloatArray, FloatArray]:
     """Return range, bearing, speed and course (SI) at a time, s, with deviations.
 
     They count from the sensor of the first row. The covariance is that of the solver
-    coordinates, shape (p, p); an alteration that may be widens the deviations.
+    coordinates, shape (p, p). An alteration that may be, and the parts of the posterior
+    where the motion alone does not stand for it, make the deviations hold 95 % of all.
+    """
+    motion, outward, spread = _seen(problem, q, covariance, time_s)
+    moved = outward @ more.spread_at(q, time_s) @ outward.T
+    variance = np.diagonal(widened(spread, more.weight, moved))
+    if not parts:
+        return motion, np.sqrt(np.maximum(variance, 0.0))
+    others = [_seen(problem, one.q, one.covariance, time_s) for one in parts]
+    off = np.array([other - motion for other, _, _ in others])
+    off[:, [1, 3]] = wrap_rad(off[:, [1, 3]])
+    own = np.array([np.diagonal(each) for _, _, each in others])
+    own = np.concatenate(
+        [own, np.diagonal(moved, axis1=1, axis2=2) + np.diagonal(spread)]
+    )
+    share = np.array([one.weight for one in parts]) * (1.0 - more.weight.sum())
+    share = np.concatenate([share, more.weight])
+    mean = np.concatenate([off, np.zeros((more.weight.size, off.shape[1]))])
+    std = np.sqrt(np.maximum(own, 1e-300))
+    half = [half_width(share, mean[:, k], std[:, k]) for k in range(off.shape[1])]
+    return motion, np.array(half) / HALF_WIDTH
+
+
+def _seen(
+    problem: Problem, q: FloatArray, covariance: FloatArray, time_s: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return range, bearing, speed and course at a time, and their covariance.
+
+    Between them the partials of these by the state at that time.
     """
     track, sensor = problem.track, problem.sensor
     node = track.now if sensor is None else track.now[sensor == sensor[0]]
@@ -552,9 +651,41 @@ def seen_at(
     local = from_state(state)
     inward = np.linalg.inv(state_jacobian(local[np.newaxis])[0])
     outward = motion_jacobian(local[np.newaxis])[0] @ inward
-    moved = outward @ more.spread_at(q, time_s) @ outward.T
-    variance = np.diagonal(widened(outward @ spread @ outward.T, more.weight, moved))
-    return to_motion(local), np.sqrt(np.maximum(variance, 0.0))
+    return to_motion(local), outward, outward @ spread @ outward.T
+
+
+SMALLEST_PART = 1e-3
+"""Probability below which a part of the posterior is left out."""
+
+
+def _valley(
+    q: FloatArray, range_span: Interval, more: FloatArray, scale: float
+) -> tuple[Part, ...]:
+    """Return the parts of the posterior along the profile of the range.
+
+    The likelihood of a target with legs lies in a long valley that bends: at every range
+    the rest is normal about its best fit (Laplace's approximation there), and ``more`` is
+    the covariance that noise beyond the white adds, shape (p, p).
+    """
+    ways = range_span.ways
+    fits = DescentResult.join([ways[0], ways[1]])
+    order = np.argsort(fits.q[:, 0], kind="stable")
+    fits = fits.take(order)
+    width = np.gradient(fits.q[:, 0])
+    inner = fits.matrix[:, 1:, 1:]
+    root = np.sqrt(np.maximum(np.diagonal(inner, axis1=1, axis2=2), 1e-300))
+    unit = inner / (root[:, :, np.newaxis] * root[:, np.newaxis])
+    volume = np.log(np.maximum(np.linalg.eigvalsh(unit), 1e-13)).sum(axis=1)
+    volume = volume + 2.0 * np.log(root).sum(axis=1)
+    log_weight = -0.5 * fits.value / scale - 0.5 * volume
+    weight = width * np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    found = []
+    for index in np.flatnonzero(weight > SMALLEST_PART):
+        covariance = more.copy()
+        covariance[1:, 1:] += scale * scaled_inverse(inner[index])
+        found.append(Part(fits.q[index], covariance, float(weight[index])))
+    return tuple(found)
 
 
 def _intervals(

@@ -265,9 +265,7 @@ def _memory(
         if row and not share:
             continue
         memory = _Process(share, memory_s, time_s[:, np.newaxis], np.ones((n, 1)))
-        noise = RowNoise(
-            np.full(n, 1.0 - share), (*known, memory) if share else known
-        )
+        noise = RowNoise(np.full(n, 1.0 - share), (*known, memory) if share else known)
         gram = own.T @ noise.weigh(own)
         matrix = gram[1:, 1:] + rest
         square = float(gram[0, 0] - gram[0, 1:] @ np.linalg.solve(matrix, gram[0, 1:]))
