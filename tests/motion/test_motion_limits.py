@@ -11,8 +11,8 @@ from scipy.stats import chi2, multivariate_normal
 from studies import genetic, hybrid
 from studies.simplex import nelder_mead
 from tests.motion.sonar_scene import Scene as SonarScene
-from tests.motion.test_target_laws import STATE
 from tests.motion.test_sub_bands import LAW, PLACE_S, heights, levels_of
+from tests.motion.test_target_laws import STATE
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.robust import bisquare_weight

@@ -43,7 +43,6 @@ from uwtrack_cli.motion.target_motion.model import (
 from uwtrack_cli.motion.target_motion.objective import (
     Residuals,
     loss_value,
-    loss_weight,
     misfit,
     motion_prior,
     residuals,
@@ -463,7 +462,6 @@ class _Linear:
         before = np.unique(rows.astype(int))  # an instant lies between two rows
         time = problem.row_time_s
         instants = 0.5 * (time[before] + time[np.minimum(before + 1, time.size - 1)])
-        # (values, instants, 2)
         at = instants[:, np.newaxis]
         moved = parts.state[:, np.newaxis, 2:4] - at * parts.state[:, np.newaxis, :2]
         turned = np.where(parts.time_s[:, np.newaxis] > instants, 1.0, 0.0)

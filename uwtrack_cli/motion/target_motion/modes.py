@@ -521,7 +521,7 @@ def _parts(
     if q.size > STRAIGHT:
         white = information(problem, q).covariance(people=False)
         beyond = (covariance - white)[: q.size, : q.size]
-        own = _valley(q, intervals["range"], beyond, scale)
+        own = _valley(intervals["range"], beyond, scale)
     elif not rivals:
         return ()
     left = 1.0 - sum(rival.weight for rival in rivals)
@@ -658,9 +658,7 @@ SMALLEST_PART = 1e-3
 """Probability below which a part of the posterior is left out."""
 
 
-def _valley(
-    q: FloatArray, range_span: Interval, more: FloatArray, scale: float
-) -> tuple[Part, ...]:
+def _valley(range_span: Interval, more: FloatArray, scale: float) -> tuple[Part, ...]:
     """Return the parts of the posterior along the profile of the range.
 
     The likelihood of a target with legs lies in a long valley that bends: at every range

@@ -114,7 +114,7 @@ class RowNoise:
             decay = np.exp(-np.diff(times[-1]) / one.correlation_time_s)
             new = one.variance * (1.0 - decay**2)
             here = first + np.arange(keys.size)
-            inner = np.full(keys.size, 0.0)
+            inner = np.zeros(keys.size)
             inner[0] = 1.0 / one.variance
             inner[1:] += 1.0 / new
             inner[:-1] += decay**2 / new
@@ -132,27 +132,25 @@ class RowNoise:
         told = (partials.T @ (partials / self.white[:, np.newaxis])).tocoo()
         lower = told.row >= told.col
         parts = [(told.row[lower], told.col[lower], told.data[lower])]
-        for a, b, value in pairs:
-            one, other = order[a], order[b]
-            parts.append((np.maximum(one, other), np.minimum(one, other), value))
+        for a, b, each in pairs:
+            late, early = np.maximum(order[a], order[b]), np.minimum(order[a], order[b])
+            parts.append((late, early, each))
         row, column, entry = (np.concatenate(part) for part in zip(*parts, strict=True))
         band = np.zeros((int((row - column).max()) + 1, first))
         np.add.at(band, (row - column, column), entry)
         return partials, cholesky_banded(band, lower=True), volume
 
     def weigh(self, values: FloatArray) -> FloatArray:
-        """Return the inverse covariance times values, shape (values, ...)."""
+        """Return the inverse covariance times columns, shape (values, columns)."""
         from scipy.linalg import cho_solve_banded
 
-        plain = values / self.white.reshape(-1, *[1] * (values.ndim - 1))
+        white = self.white[:, np.newaxis]
+        plain = values / white
         if self._solver is None:
             return np.asarray(plain)
         partials, factor, _ = self._solver
         shared = cho_solve_banded((factor, True), partials.T @ plain)
-        taken = partials @ shared
-        return np.asarray(
-            plain - taken / self.white.reshape(-1, *[1] * (values.ndim - 1))
-        )
+        return np.asarray(plain - partials @ shared / white)
 
     @property
     def log_volume(self) -> float:
