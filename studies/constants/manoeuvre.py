@@ -8,6 +8,10 @@ python -m studies.constants.manoeuvre 60
 
 "straight" leaves the others out, and the last line has the false alterations of all with
 their exact interval: python -m studies.constants.manoeuvre 60 4000 straight
+
+"worth" fits an alteration to every record, and prints how small the probability of the
+linear model is where the fitted one is above a half (`WORTH_A_FIT` of the package):
+python -m studies.constants.manoeuvre 10 11 worth
 """
 
 import sys
@@ -27,8 +31,9 @@ from studies.tma_scenarios import (
     make_scenario,
 )
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.motion.target_motion import legs
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
-from uwtrack_cli.motion.target_motion.legs import find_legs
+from uwtrack_cli.motion.target_motion.legs import find_legs, seek_alteration
 from uwtrack_cli.motion.target_motion.problem import Problem
 from uwtrack_cli.motion.target_motion.solvers.marquardt import search_bounds
 
@@ -77,10 +82,35 @@ def probabilities(
     problem = turned(problem, name, *change)
     fit = fit_from_truth(problem, make_scenario(name).solution())
     found = [
-        find_legs(problem.record(k), fit.take([k]), BOUNDS, KNOWN, 0)
-        for k in range(runs)
+        find_legs(problem.record(k), fit.take([k]), BOUNDS, KNOWN) for k in range(runs)
     ]
     return np.array([one.probability for one in found])
+
+
+def worth(runs: int, seed: int) -> None:
+    """Print probabilities of the linear model where the fit finds an alteration."""
+    legs.WORTH_A_FIT = 0.0
+    linear, fitted = [], []
+    for name in TARGETS:
+        for noise in (1.0, 5.0):
+            for change in ((0.0, 0.0), *TURNS):
+                scenario = make_scenario(name)
+                problem = make_problem(scenario, noise=noise, runs=runs, seed=seed)
+                problem = turned(problem, name, *change)
+                fit = fit_from_truth(problem, scenario.solution())
+                for k in range(runs):
+                    one, start = problem.record(k), fit.take([k])
+                    found = seek_alteration(one, start.q[0], KNOWN)
+                    linear.append(found.probability)
+                    fitted.append(find_legs(one, start, BOUNDS, KNOWN).probability)
+    first, last = np.array(linear), np.array(fitted)
+    asked = first[last > 0.5]
+    low = np.quantile(asked, [0.0, 0.01, 0.05])
+    print(f"seed {seed}: {asked.size} of {last.size} records ask for an alteration")
+    print("linear probability of these, least, 1 and 5 %:", np.round(low, 3))
+    for limit in (0.05, 0.15, 0.5):
+        share, missed = (first > limit).mean(), int((asked <= limit).sum())
+        print(f"from {limit}: {share:.2f} of all are fitted, {missed} are missed")
 
 
 def main(runs: int, seed: int = 11, *, only_straight: bool = False) -> None:
@@ -107,4 +137,7 @@ def main(runs: int, seed: int = 11, *, only_straight: bool = False) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:3]), only_straight="straight" in sys.argv)
+    if "worth" in sys.argv:
+        worth(*map(int, sys.argv[1:3]))
+    else:
+        main(*map(int, sys.argv[1:3]), only_straight="straight" in sys.argv)

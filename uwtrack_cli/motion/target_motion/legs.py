@@ -11,13 +11,14 @@ times the odds that a target alters in so long a record, those of one more alter
 
 Where that is worth a look, the alteration is fitted with all others (Levenberg-Marquardt
 from several instants), and the next one is sought beside it. The evidence of every number
-of legs (Laplace's approximation) decides. Noise with a memory makes sums of residuals
-scatter more than independent ones; how much, the residuals of the most legs tell, which
-no missing alteration has lengthened.
+of legs (Laplace's approximation) decides. The noise of the rows is that of `row_noise`:
+white, of own navigation, and with a memory, which the residuals of the most legs tell.
 
 An alteration that the evidence does not ask for may still have been there: the standard
-deviations of the legs that are kept hold 95 % of the mixture of both (Bayesian model
-averaging about the motion that is reported; see `estimation/normal_mixture.py`).
+deviations of the legs that are kept hold 95 % of the mixture of all (Bayesian model
+averaging about the motion that is reported; see `estimation/normal_mixture.py`). Other
+numbers of legs that were fitted are parts of it as they are; where none was, the linear
+model stands for one more.
 
 **Conventions.** Times count from the first measurement.
 
