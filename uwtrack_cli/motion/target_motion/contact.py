@@ -225,7 +225,7 @@ def _answer(data: Measurements, solved: _Solved, options: TmaOptions) -> Contact
     answers = [
         describe_mode(
             problem, legs.limits, modes, index, options, scale=scale,
-            colours=legs.colours, rivals=legs.rivals if index == 0 else (),
+            colours=legs.colours, beside=legs.beside(modes.q[index]),
         )
         for index in range(len(modes.q))
     ]  # fmt: skip

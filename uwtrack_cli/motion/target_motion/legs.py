@@ -212,6 +212,17 @@ class Legs:
     """The problem, with the prior of durations that its rows can tell."""
     rivals: tuple[Rival, ...] = ()
     """Motions with other numbers of legs that the record leaves possible."""
+    more: Alterations | None = None
+    """One more alteration of the best motion, where it was sought last."""
+
+    def beside(self, q: FloatArray) -> tuple[tuple[Rival, ...], Alterations | None]:
+        """Return rivals and one more alteration of a motion; None: not yet sought.
+
+        They are of the best motion, whose bearing may count from elsewhere.
+        """
+        if not np.array_equal(q[2:], self.fit.q[0, 2:]):
+            return (), None
+        return self.rivals, self.more
 
     def weighed(self) -> tuple[Problem, DescentResult]:
         """Return problem and minima with the weights that noise with a memory leaves."""
@@ -263,6 +274,7 @@ def find_legs(
     return Legs(
         fits[best], bounds[best], gain, probability, colours,
         models[best][0].inflation(colours), problem, rivals,
+        found if best == len(fits) - 1 else None,
     )  # fmt: skip
 
 
@@ -471,10 +483,14 @@ class _Linear:
         weighed = own.noise.weigh(flat).reshape(turned.shape)
         along = np.moveaxis((own.solved.T @ flat).reshape(-1, at.size, 2), 1, 0)
         shift = -inverse @ along
-        matrix = np.einsum("via,vib->iab", turned, weighed)
-        matrix = matrix + np.swapaxes(along, 1, 2) @ shift
-        pull = np.einsum("via,v->ia", turned, own.z)
-        pull = pull + np.einsum("ipa,p->ia", shift, own.pull)
+        # what is left of them: as products of these, errors of the inverse are squared
+        left = np.moveaxis(turned, 1, 0) + parts.known @ shift
+        heavy = np.moveaxis(weighed, 1, 0) + own.solved @ shift
+        expected = parts.prior_rows @ shift
+        matrix = np.swapaxes(left, 1, 2) @ heavy
+        matrix = matrix + np.swapaxes(expected, 1, 2) @ expected
+        pull = np.swapaxes(heavy, 1, 2) @ parts.z
+        pull = pull + np.swapaxes(expected, 1, 2) @ parts.prior_z
         width = np.array(CHANGE_STDS_MPS)[:, np.newaxis, np.newaxis]
         joint = matrix[:, np.newaxis] + width**-2.0 * np.eye(2)
         spread = np.linalg.inv(joint)

@@ -378,7 +378,7 @@ class TmaOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class PosteriorPart:
     """A part of what the record leaves possible."""
 
     q: FloatArray
@@ -443,20 +443,22 @@ def describe_mode(
     *,
     scale: float,
     colours: Colours = NO_MEMORY,
-    rivals: tuple[Rival, ...] = (),
+    beside: tuple[tuple[Rival, ...], Alterations | None] = ((), None),
 ) -> ModeAnswer:
     """Work out what one of the modes says of the target.
 
     ``scale`` is that of likelihood ratios under the loss, 1 for least squares;
-    ``colours`` are the memory of the noise and ``rivals`` motions with other numbers of legs,
-    as `find_legs` gives them.
+    ``colours`` are the memory of the noise, and ``beside`` motions with other numbers of
+    legs and one more alteration, as `Legs` gives them.
     """
     from scipy.special import chdtri
 
     q = modes.q[index]
     end_s = float(problem.row_time_s[-1])
-    more = NOTHING
-    if not any(rival.q.size > q.size for rival in rivals):
+    rivals, more = beside
+    if any(rival.q.size > q.size for rival in rivals):
+        more = NOTHING
+    elif more is None:
         more = seek_alteration(problem, q, options.nuisances, colours)
     moved = more.spread(q, problem.n_lines)
     found = information(problem, q)
@@ -515,9 +517,11 @@ def _parts(
     covariance: FloatArray,
     options: TmaOptions,
     scale: float,
-) -> tuple[Part, ...]:
+) -> tuple[PosteriorPart, ...]:
     """Return the parts of the posterior; none where the motion alone stands for it."""
-    own: tuple[Part, ...] = (Part(q, covariance[: q.size, : q.size], 1.0),)
+    own: tuple[PosteriorPart, ...] = (
+        PosteriorPart(q, covariance[: q.size, : q.size], 1.0),
+    )
     if q.size > STRAIGHT:
         white = information(problem, q).covariance(people=False)
         beyond = (covariance - white)[: q.size, : q.size]
@@ -532,7 +536,9 @@ def _parts(
             with_coloured_noise=options.is_table,
         )  # fmt: skip
         size = rival.q.size
-        found.append(Part(rival.q, budget.covariance[:size, :size], rival.weight))
+        found.append(
+            PosteriorPart(rival.q, budget.covariance[:size, :size], rival.weight)
+        )
     return tuple(found)
 
 
@@ -577,7 +583,7 @@ def legs_of(
     q: FloatArray,
     covariance: FloatArray,
     more: Alterations,
-    parts: tuple[Part, ...] = (),
+    parts: tuple[PosteriorPart, ...] = (),
 ) -> tuple[Leg, ...]:
     """Return the legs of a motion; the covariance is of its solver coordinates."""
     end_s = float(problem.row_time_s[-1])
@@ -607,7 +613,7 @@ def seen_at(
     covariance: FloatArray,
     time_s: float,
     more: Alterations = NOTHING,
-    parts: tuple[Part, ...] = (),
+    parts: tuple[PosteriorPart, ...] = (),
 ) -> tuple[FloatArray, FloatArray]:
     """Return range, bearing, speed and course (SI) at a time, s, with deviations.
 
@@ -658,7 +664,9 @@ SMALLEST_PART = 1e-3
 """Probability below which a part of the posterior is left out."""
 
 
-def _valley(range_span: Interval, more: FloatArray, scale: float) -> tuple[Part, ...]:
+def _valley(
+    range_span: Interval, more: FloatArray, scale: float
+) -> tuple[PosteriorPart, ...]:
     """Return the parts of the posterior along the profile of the range.
 
     The likelihood of a target with legs lies in a long valley that bends: at every range
@@ -682,7 +690,7 @@ def _valley(range_span: Interval, more: FloatArray, scale: float) -> tuple[Part,
     for index in np.flatnonzero(weight > SMALLEST_PART):
         covariance = more.copy()
         covariance[1:, 1:] += scale * scaled_inverse(inner[index])
-        found.append(Part(fits.q[index], covariance, float(weight[index])))
+        found.append(PosteriorPart(fits.q[index], covariance, float(weight[index])))
     return tuple(found)
 
 

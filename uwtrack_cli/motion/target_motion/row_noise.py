@@ -250,7 +250,7 @@ def _memory(
     stated.
     """
     basis = orthonormal(np.concatenate([design, others]))
-    n, step_s = value.size, float(np.median(np.diff(time_s)))
+    n, step_s = value.size, float(np.median(np.diff(np.unique(time_s))))
     own = np.column_stack([value, basis[:n]])
     rest = basis[n:].T @ basis[n:]
     times = np.geomspace(step_s, float(np.ptp(time_s)), N_CORRELATION_TIMES)
