@@ -11,7 +11,7 @@ their exact interval: python -m studies.constants.manoeuvre 60 4000 straight
 
 "worth" fits an alteration to every record, and prints how small the probability of the
 linear model is where the fitted one is above a half (`WORTH_A_FIT` of the package):
-python -m studies.constants.manoeuvre 10 11 worth
+python -m studies.constants.manoeuvre 1 11 worth
 """
 
 import sys

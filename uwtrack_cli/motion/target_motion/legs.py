@@ -85,7 +85,7 @@ CHANGE_STDS_MPS = (0.5, 1.0, 2.0, 4.0)
 
 WORTH_A_FIT = 0.15
 """Probability of an alteration from which it is fitted: the linear model that gives it is
-right within a factor of a few in the odds."""
+right within a factor of a few in the odds. See studies/constants/manoeuvre.py ("worth")."""
 
 N_STARTS = 7
 """Stretches of the record in each of which a fit starts from the best instant."""
