@@ -6,6 +6,9 @@ contacts are paired right, and how many of the ellipses of `locate` hold the boa
 
 import sys
 import warnings
+from itertools import combinations
+from time import process_time
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,7 +36,9 @@ def scene(seed, *, boats=2, buoys=4, rows=40, std_deg=4.0, miss=0.1, frequencies
     time = np.linspace(0.0, 1200.0, rows)
     offset = draw.normal(0.0, 5.0, buoys)
     rest_hz = 60.0 * (1.0 + draw.uniform(-0.05, 0.05, boats))
-    columns = {name: [] for name in ("contact", "time_s", "sensor", "own", "theta", "f")}
+    columns = {
+        name: [] for name in ("contact", "time_s", "sensor", "own", "theta", "f")
+    }
     boat_of, places = {}, []
     numbers = [draw.permutation(np.arange(1, 10))[:boats] for _ in range(buoys)]
     for boat in range(boats):
@@ -89,3 +94,75 @@ def scene(seed, *, boats=2, buoys=4, rows=40, std_deg=4.0, miss=0.1, frequencies
         origin="grid",
     ).take("row", order)
     return series, boat_of, np.array(places)
+
+
+def pairs_of(boat_of, members):
+    """Return pairs of contacts rightly joined, and those of one boat or said to be one.
+
+    ``members``: sensor/number of every contact that was found.
+    """
+    said = {one: n for n, text in enumerate(members) for one in text.split()}
+    named = {f"{sensor}/{number}": boat for (sensor, number), boat in boat_of.items()}
+    right = count = 0
+    for one, other in combinations(named, 2):
+        is_same, is_said = named[one] == named[other], said[one] == said[other]
+        count += is_same or is_said
+        right += is_same and is_said
+    return right, count
+
+
+class Score(NamedTuple):
+    """What `locate` made of one scene."""
+
+    right: int
+    pairs: int
+    held: int
+    """Ellipses that hold the boat that most of their contacts are of."""
+    ellipses: int
+    due: int
+    """Boats that two buoys hear or more."""
+    seconds: float
+
+
+def score(seed, **given):
+    """Locate the boats of one scene."""
+    series, boat_of, places = scene(seed, **given)
+    begin = process_time()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UwtrackNote)
+        found = locate_vessels(series=series, at=["600"])
+    seconds = process_time() - begin
+    members = {
+        int(n): [f"{s}/{k}" for c, s, k, p in zip(
+            found.pairing_contact, found.pairing_sensor, found.pairing_number,
+            found.pairing_share, strict=True) if c == n and p > 0.5]
+        for n in np.unique(found.pairing_contact)
+    }  # fmt: skip
+    right, pairs = pairs_of(boat_of, [" ".join(m) for m in members.values()])
+    held = ellipses = 0
+    for row in np.flatnonzero(found.mode == 1):
+        own = members.get(int(found.contact[row]), [])
+        boats = [boat_of[s, int(k)] for s, k in (one.split("/") for one in own)]
+        if not boats:  # a further source of its rows
+            boats = [-1]
+        boat = max(set(boats), key=boats.count)
+        ellipses += 1
+        if boat < 0:
+            continue
+        off = np.array([found.east_m[row], found.north_m[row]]) - places[boat]
+        held += bool(off @ np.linalg.solve(found.covariance_m2[row], off) < HALF_95)
+    heard = list(boat_of.values())
+    due = sum(heard.count(boat) > 1 for boat in range(len(places)))
+    return Score(right, pairs, held, ellipses, due, seconds)
+
+
+if __name__ == "__main__":
+    boats, first, count = map(int, sys.argv[1:4])
+    given = dict.fromkeys(sys.argv[4:], True)
+    total = np.zeros(len(Score._fields))
+    for seed in range(first, first + count):
+        one = score(seed, boats=boats, **given)
+        total += one
+        if one.right < one.pairs or one.held < one.ellipses or one.ellipses < one.due:
+            print(seed, one, flush=True)  # noqa: T201
+    print(dict(zip(Score._fields, total.tolist(), strict=True)))  # noqa: T201

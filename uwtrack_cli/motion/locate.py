@@ -40,6 +40,10 @@ from uwtrack_cli.motion.fusion.track_to_track import Mode, group_encounters, lis
 from uwtrack_cli.motion.options import Probability
 from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, turned_way
 from uwtrack_cli.motion.target_motion.contact import ContactAnswer, analyse_contacts
+from uwtrack_cli.motion.target_motion.contact_pairing import (
+    ContactNumbers,
+    pair_contacts,
+)
 from uwtrack_cli.motion.target_motion.cross_fix import fixes_of_answers
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target_motion.inputs import (
@@ -60,6 +64,7 @@ def locate_vessels(
     every_s: Annotated[float | None, Unit("s"), AtLeast(1e-3), AtMost(1e7)] = None,
     until: str | None = None,
     gate_probability: Probability = 0.999,
+    contact_numbers: ContactNumbers = "auto",
 ) -> Fixes:
     """Locate vessels from closest approaches, or from the bearings of several sensors.
 
@@ -85,6 +90,10 @@ def locate_vessels(
         the last closest approach.
     gate_probability
         Probability that encounters of one vessel are joined.
+    contact_numbers
+        Whose the contact numbers of a table of bearings are: each sensor's own, so that
+        contacts are joined by the evidence of one motion, or common to all sensors;
+        auto is own, but for tables without contacts and files of `export`.
 
     Returns
     -------
@@ -114,7 +123,7 @@ def locate_vessels(
                 "got both."
             )
             raise DataError(msg)
-        return _cross_fixes(series, at, every_s, until)
+        return _cross_fixes(series, at, every_s, until, contact_numbers)
     if encounters is None:
         msg = "positions need closest approaches, or a table of bearings with sensors."
         raise DataError(msg)
@@ -149,7 +158,11 @@ def locate_vessels(
 
 
 def _cross_fixes(
-    series: Series, at: list[str] | None, every_s: float | None, until: str | None
+    series: Series,
+    at: list[str] | None,
+    every_s: float | None,
+    until: str | None,
+    numbers: ContactNumbers,
 ) -> Fixes:
     """Locate the contacts of a table of sensors, where their range is determined."""
     if series.sensor is None:
@@ -167,6 +180,7 @@ def _cross_fixes(
         sound_speed_mps=SOUND_SPEED_WATER_MPS,
         is_table=True,
     )
+    series, pairings = pair_contacts(series, options, numbers)
     answers: list[tuple[ContactAnswer, FloatArray]] = []
     unplaced: list[str] = []
     for answer in analyse_contacts(measurements_from_series(series), options):
@@ -178,7 +192,7 @@ def _cross_fixes(
         own = answer.data.time_s
         times = fix_times(own[[0, -1]], series.start_utc_ns, at, every_s, until)
         answers.append((answer, times))
-    return fixes_of_answers(answers, series, unplaced)
+    return fixes_of_answers(answers, series, unplaced, pairings)
 
 
 def _clock_statements(passages: Passages, mode: Mode) -> list[str]:

@@ -23,16 +23,18 @@ deviations are those of the rows that were stated, or of their scatter if that i
 sensors); MacKay 2003, ch. 28 (evidence).
 """
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import lgamma, log, pi
-from typing import Literal
+from typing import Any, Literal
 from warnings import warn
 
 import numpy as np
+from numpy.typing import NDArray
 
-from uwtrack_cli.data.base import FloatArray, IntArray, TextArray
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray, TextArray
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import UwtrackNote
 from uwtrack_cli.motion.target_motion.contact import build_problem
@@ -97,8 +99,36 @@ class Pairings:
     """Sensor, same shape."""
     number: IntArray
     """Number of the contact at that sensor, same shape."""
-    probability: FloatArray
+    share: FloatArray
     """Probability that this contact is this target's, same shape."""
+    is_member: BoolArray
+    """Whether it is, in the likeliest hypothesis, same shape."""
+
+    def members(self, contact: int) -> tuple[str, float]:
+        """Return the contacts of a target, sensor/number, and the least of their shares.
+
+        A target that has not been paired (a further source of its rows) has none.
+        """
+        own = np.flatnonzero((self.contact == contact) & self.is_member)
+        words = [f"{self.sensor[k]}/{self.number[k]}" for k in own]
+        return " ".join(words), float(self.share[own].min()) if own.size else np.nan
+
+    def columns_of(self, contacts: IntArray) -> dict[str, NDArray[Any]]:
+        """Return the columns that say of contacts what they were joined of."""
+        told = [self.members(int(contact)) for contact in contacts]
+        return {
+            "sensor_contacts": np.array([words for words, _ in told], np.str_),
+            "pairing_probability": np.array([share for _, share in told], float),
+        }
+
+    def table(self) -> dict[str, NDArray[Any]]:
+        """Return the columns of all pairings."""
+        return {
+            "pairing_contact": self.contact,
+            "pairing_sensor": self.sensor,
+            "pairing_number": self.number,
+            "pairing_share": self.share,
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +191,7 @@ def pair_contacts(
         for member in group:
             contact[evidence.heard[member].rows] = number
     pairings = _pairings(named, likely, evidence.heard)
-    _say(named, pairings, evidence.heard)
+    _say(pairings)
     return replace(series, contact=contact), pairings
 
 
@@ -189,7 +219,7 @@ def _gathered(series: Series) -> Series:
     edges = np.linspace(0, n, min(n, BLOCKS) + 1).astype(int)
     if n <= BLOCKS:
         return series
-    parts = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    parts = [slice(a, b) for a, b in pairwise(edges)]
     kept = series.take("row", (edges[:-1] + edges[1:]) // 2)
     bearing, bearing_std = _middles(
         series.bearing_deg[:, np.newaxis], series.bearing_std_deg[:, np.newaxis], parts,
@@ -272,13 +302,15 @@ class _Evidence:
 
     def _places(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the places of all contacts' sensors, m, each sensor of weight 1."""
-        east, north, weight = [], [], []
         count = Counter(one.sensor for one in self.heard)
-        for one in self.heard:
-            east.append(np.mean(one.blocks.sensor_east_m))
-            north.append(np.mean(one.blocks.sensor_north_m))
-            weight.append(1.0 / count[one.sensor])
-        return np.array(east), np.array(north), np.array(weight)
+        places = [
+            (np.mean(east), np.mean(north), 1.0 / count[one.sensor])
+            for one in self.heard
+            for east, north in [(one.blocks.sensor_east_m, one.blocks.sensor_north_m)]
+            if east is not None and north is not None
+        ]
+        east, north, weight = np.array(places).T
+        return east, north, weight
 
     def are_apart(self, members: Iterable[int], other: int) -> bool:
         """Return whether a contact may be one with others: none overlaps at its sensor."""
@@ -330,8 +362,7 @@ class _Evidence:
         std = np.nan_to_num(std, nan=UNTOLD_COMPASS_STD_DEG)
         given = options.prior
         prior = MotionPrior(
-            log_range=given.log_range
-            or Expectation(log(self.spread_m), LOG_RANGE_STD),
+            log_range=given.log_range or Expectation(log(self.spread_m), LOG_RANGE_STD),
             speed_mps=given.speed_mps or Expectation(0.0, VESSEL_VELOCITY_STD_MPS),
             course_rad=given.course_rad,
         )
@@ -498,7 +529,7 @@ def _pairings(
     top = max(likely.values())
     weight = {one: float(np.exp(value - top)) for one, value in likely.items()}
     total = sum(weight.values())
-    share: Counter[tuple[int, int]] = Counter()
+    share: defaultdict[tuple[int, int], float] = defaultdict(float)
     for hypothesis, own in weight.items():
         for member in range(len(heard)):
             (group,) = (one for one in hypothesis if member in one)
@@ -521,26 +552,20 @@ def _pairings(
         np.array([heard[member].sensor for _, member in kept], np.str_),
         np.array([heard[member].number for _, member in kept], np.int64),
         np.array([min(share[key], 1.0) for key in kept]),
+        np.array([member in named[number] for number, member in kept]),
     )
 
 
-def _say(named: dict[int, Group], pairings: Pairings, heard: list[_Heard]) -> None:
+def _say(pairings: Pairings) -> None:
     """Say in one line which contacts are one target."""
     words = []
-    for number, group in named.items():
-        if len(group) < 2:
-            continue
-        parts = [f"{heard[m].sensor}/{heard[m].number}" for m in sorted(group)]
-        own = pairings.contact == number
-        is_member = np.isin(
-            [f"{s}/{n}" for s, n in zip(pairings.sensor, pairings.number, strict=True)],
-            parts,
-        )
-        least = float(pairings.probability[own & is_member].min())
-        words.append(f"{number} is {', '.join(parts)} ({100.0 * least:.0f} %)")
+    for contact in np.unique(pairings.contact):
+        members, share = pairings.members(int(contact))
+        if " " in members:
+            words.append(f"{contact} is {members} (P {share:.2f})")
     said = "; ".join(words) or "no two are one target"
     msg = (
-        f"contacts joined across sensors by evidence, sensor/number (least probability of a pairing): "
-        f"{said}. If the numbers are common to all sensors, give --contact-numbers common."
+        f"contacts that are one target by evidence, as sensor/number: {said}. If the "
+        f"numbers are common to all sensors, give --contact-numbers common."
     )
     warn(msg, UwtrackNote, stacklevel=4)

@@ -11,6 +11,7 @@ from uwtrack_cli.data.base import FloatArray, flatten, reason_columns
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.target_motion.contact import ContactAnswer
+from uwtrack_cli.motion.target_motion.contact_pairing import Pairings
 from uwtrack_cli.motion.target_motion.cross_fix import grid_state
 from uwtrack_cli.motion.target_motion.model import to_motion
 from uwtrack_cli.motion.target_motion.modes import Interval, ModeAnswer, TmaOptions
@@ -21,6 +22,9 @@ LARGEST_LOG_RANGE_STD = 1.0
 
 MOTION = ("range_m", "bearing_deg", "speed_mps", "course_deg")
 NOW = tuple(f"now_{name}" for name in MOTION)
+
+PAIRED = ("sensor_contacts", "pairing_probability")
+"""Columns of what was joined across sensors."""
 
 WHOLE_CIRCLE_DEG = 359.9
 """Width from which an interval of the course is the whole circle."""
@@ -231,8 +235,12 @@ SENSORS_STATEMENT = (
 )
 
 
-def motions_table(answers: list[ContactAnswer], options: TmaOptions) -> Motions:
-    """Gather the answers of all contacts."""
+def motions_table(
+    answers: list[ContactAnswer],
+    options: TmaOptions,
+    pairings: Pairings | None = None,
+) -> Motions:
+    """Gather the answers of all contacts, and which contacts of sensors were joined."""
     rows = [
         _row(answer, mode, number)
         for answer in answers
@@ -242,8 +250,10 @@ def motions_table(answers: list[ContactAnswer], options: TmaOptions) -> Motions:
     columns = {
         name: _column(name, [row[name] for row in rows])
         for name, spec in Motions.columns().items()
-        if spec.axes[0] == "motion"
+        if spec.axes[0] == "motion" and name not in PAIRED
     }
+    if pairings is not None:
+        columns |= pairings.columns_of(columns["contact"]) | pairings.table()
     return Motions(
         **columns,
         **_rest_table(answers, reasons),
