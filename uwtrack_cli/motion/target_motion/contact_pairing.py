@@ -29,16 +29,18 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import lgamma, log, pi
 from typing import Any, Literal
-from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray, TextArray
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.errors import UwtrackNote
+from uwtrack_cli.estimation.robust import white_scatter
 from uwtrack_cli.motion.target_motion.contact import build_problem
-from uwtrack_cli.motion.target_motion.inputs import measurements_from_series
+from uwtrack_cli.motion.target_motion.inputs import (
+    measurements_from_series,
+    rounding_std,
+)
 from uwtrack_cli.motion.target_motion.legs import Alterations, seek_alteration
 from uwtrack_cli.motion.target_motion.model import (
     PER_ALTERATION,
@@ -113,6 +115,17 @@ class Pairings:
         words = [f"{self.sensor[k]}/{self.number[k]}" for k in own]
         return " ".join(words), float(self.share[own].min()) if own.size else np.nan
 
+    @property
+    def statement(self) -> str:
+        """Which contacts are one target, in a sentence."""
+        words = []
+        for contact in np.unique(self.contact):
+            members, share = self.members(int(contact))
+            if " " in members:
+                words.append(f"contact {contact} is {members} (P {share:.2f})")
+        said = "; ".join(words) or "no two of them are one target"
+        return f"Joined by evidence, as sensor/contact: {said}."
+
     def columns_of(self, contacts: IntArray) -> dict[str, NDArray[Any]]:
         """Return the columns that say of contacts what they were joined of."""
         told = [self.members(int(contact)) for contact in contacts]
@@ -182,7 +195,7 @@ def pair_contacts(
         return series, None
     if np.unique(series.sensor).size < 2:
         return series, None
-    evidence = _Evidence(_contacts(series), options)
+    evidence = _Evidence(_contacts(series, options), options)
     likely = _hypotheses(evidence)
     best = max(likely, key=lambda one: likely[one])
     named = _named(best, evidence.heard)
@@ -191,11 +204,10 @@ def pair_contacts(
         for member in group:
             contact[evidence.heard[member].rows] = number
     pairings = _pairings(named, likely, evidence.heard)
-    _say(pairings)
     return replace(series, contact=contact), pairings
 
 
-def _contacts(series: Series) -> list[_Heard]:
+def _contacts(series: Series, options: TmaOptions) -> list[_Heard]:
     """Return the contacts of all sensors, one sensor after the other."""
     if series.sensor is None:
         return []
@@ -207,34 +219,37 @@ def _contacts(series: Series) -> list[_Heard]:
             rows = rows[np.argsort(series.time_s[rows], kind="stable")]
             time = series.time_s[rows]
             span = float(time[0]), float(time[-1])
-            blocks = _gathered(series.take("row", rows))
+            blocks = _gathered(series.take("row", rows), options)
             found.append(_Heard(str(name), int(number), rows, span, blocks))
     # a contact that broke comes after what it was before
     return sorted(found, key=lambda one: (one.sensor, one.span_s))
 
 
-def _gathered(series: Series) -> Series:
+def _gathered(series: Series, options: TmaOptions) -> Series:
     """Gather the rows of one contact into blocks, with the deviations of their middles."""
+    given = options.misfit
+    bearing_std = _row_deviations(
+        series.bearing_deg[:, np.newaxis], series.bearing_std_deg[:, np.newaxis],
+        given.bearing_std_deg, turn=360.0,
+    )  # fmt: skip
+    frequency_std = _row_deviations(
+        series.frequency_hz, series.frequency_std_hz, given.frequency_std_hz
+    )
     n = series.time_s.size
     edges = np.linspace(0, n, min(n, BLOCKS) + 1).astype(int)
-    if n <= BLOCKS:
-        return series
     parts = [slice(a, b) for a, b in pairwise(edges)]
-    kept = series.take("row", (edges[:-1] + edges[1:]) // 2)
     bearing, bearing_std = _middles(
-        series.bearing_deg[:, np.newaxis], series.bearing_std_deg[:, np.newaxis], parts,
-        turn=360.0,
-    )  # fmt: skip
-    frequency, frequency_std = _middles(
-        series.frequency_hz, series.frequency_std_hz, parts
+        series.bearing_deg[:, np.newaxis], bearing_std, parts, turn=360.0
     )
+    frequency, frequency_std = _middles(series.frequency_hz, frequency_std, parts)
     mirrored = series.mirrored_bearing_deg
     if mirrored is not None:
-        unknown = np.full((n, 1), np.nan)
-        folded, _ = _middles(mirrored[:, np.newaxis], unknown, parts, turn=360.0)
+        folded, _ = _middles(
+            mirrored[:, np.newaxis], np.ones((n, 1)), parts, turn=360.0
+        )
         mirrored = folded[:, 0]
     return replace(
-        kept,
+        series.take("row", (edges[:-1] + edges[1:]) // 2),
         time_s=np.array([series.time_s[part].mean() for part in parts]),
         bearing_deg=bearing[:, 0],
         bearing_std_deg=bearing_std[:, 0],
@@ -242,6 +257,26 @@ def _gathered(series: Series) -> Series:
         frequency_std_hz=frequency_std,
         mirrored_bearing_deg=mirrored,
     )
+
+
+def _row_deviations(
+    values: FloatArray, std: FloatArray, asked: float | None, turn: float = np.inf
+) -> FloatArray:
+    """Return the deviations of rows: as stated, or their scatter if that is larger.
+
+    ``asked``: that of rows that state none.
+    """
+    found = std.copy() if asked is None else np.nan_to_num(std, nan=asked)
+    for column, line in enumerate(values.T):
+        is_angle = np.isfinite(turn)
+        scatter = white_scatter(
+            np.radians(line) if is_angle else line, circular=is_angle
+        )
+        scatter = float(np.degrees(scatter)) if is_angle else float(scatter)
+        scatter = max(scatter, rounding_std(line))
+        if np.isfinite(scatter):
+            found[:, column] = np.fmax(found[:, column], scatter)
+    return found
 
 
 MEDIAN_VARIANCE = pi / 2.0
@@ -256,32 +291,18 @@ def _middles(
     ``turn``: after how much a value comes again.
     """
     middle, spread = np.full((2, len(parts), values.shape[1]), np.nan)
-    for column, line in enumerate(values.T):
-        away = []
-        for row, part in enumerate(parts):
-            known = line[part][~np.isnan(line[part])]
+    for row, part in enumerate(parts):
+        for column in range(values.shape[1]):
+            is_known = ~np.isnan(values[part, column])
+            known, told = values[part, column][is_known], std[part, column][is_known]
             if not known.size:
                 continue
-            first = known[0] if np.isfinite(turn) else 0.0
-            off = known - first
+            off = known - known[0]
             if np.isfinite(turn):
                 off = (off + 0.5 * turn) % turn - 0.5 * turn
-            middle[row, column] = first + np.median(off)
-            told = std[part, column][~np.isnan(line[part])]
-            spread[row, column] = np.sqrt(np.nanmean(told**2)) if (
-                np.isfinite(told).any()) else np.nan  # fmt: skip
-            slope = np.arange(known.size) - 0.5 * (known.size - 1)
-            trend = slope @ off / max(slope @ slope, 1.0)
-            left = off - trend * slope
-            away.append(np.abs(left - np.median(left)))
-            count = known.size
-            own = MEDIAN_VARIANCE if count > 2 else 1.0
-            spread[row, column] *= np.sqrt(own / count)
-        if away:  # what scatters more than was stated
-            count = len(line) / len(parts)
-            scatter = 1.4826 * float(np.median(np.concatenate(away)))
-            least = scatter * np.sqrt(MEDIAN_VARIANCE / count)
-            spread[:, column] = np.fmax(spread[:, column], least)
+            middle[row, column] = known[0] + np.median(off)
+            loss = MEDIAN_VARIANCE if known.size > 2 else 1.0
+            spread[row, column] = np.sqrt(loss * np.mean(told**2) / known.size)
     return (middle % turn if np.isfinite(turn) else middle), spread
 
 
@@ -514,8 +535,8 @@ def _named(best: Hypothesis, heard: list[_Heard]) -> dict[int, Group]:
     order = sorted(best, key=lambda group: (-len(group), min(group)))
     found: dict[int, Group] = {}
     for group in order:
-        votes = Counter(heard[m].number for m in sorted(group))
-        wanted = [number for number, _ in votes.most_common()]
+        votes = Counter(heard[m].number for m in group)
+        wanted = sorted(votes, key=lambda number: (-votes[number], number))
         free = (n for n in range(1, len(heard) + 1) if n not in found)
         number = next((n for n in wanted if n not in found), None)
         found[next(free) if number is None else number] = group
@@ -554,18 +575,3 @@ def _pairings(
         np.array([min(share[key], 1.0) for key in kept]),
         np.array([member in named[number] for number, member in kept]),
     )
-
-
-def _say(pairings: Pairings) -> None:
-    """Say in one line which contacts are one target."""
-    words = []
-    for contact in np.unique(pairings.contact):
-        members, share = pairings.members(int(contact))
-        if " " in members:
-            words.append(f"{contact} is {members} (P {share:.2f})")
-    said = "; ".join(words) or "no two are one target"
-    msg = (
-        f"contacts that are one target by evidence, as sensor/number: {said}. If the "
-        f"numbers are common to all sensors, give --contact-numbers common."
-    )
-    warn(msg, UwtrackNote, stacklevel=4)

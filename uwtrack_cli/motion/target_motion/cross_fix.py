@@ -71,7 +71,8 @@ def fixes_of_answers(
     ``unplaced`` says why other contacts of the table have no position, in sentences;
     ``pairings`` which contacts of the sensors were joined.
     """
-    statements = list(unplaced)
+    statements = [] if pairings is None else [pairings.statement]
+    statements += unplaced
     parts: list[FixRows] = []
     for answer, times in answers:
         own = [

@@ -268,19 +268,23 @@ def motions_table(
         doppler=options.model.doppler,
         propagation="delayed" if options.delayed else "instant",
         sound_speed_mps=options.sound_speed_mps,
-        statement=_statement(answers, options),
+        statement=_statement(answers, options, pairings),
     )
 
 
-def _statement(answers: list[ContactAnswer], options: TmaOptions) -> str:
+def _statement(
+    answers: list[ContactAnswer], options: TmaOptions, pairings: Pairings | None
+) -> str:
     """Say what no residual reveals: bearings that cross need no sound speed."""
+    joined = [] if pairings is None else [pairings.statement]
     crossing = [
         answer.data.platforms is not None and not answer.data.line_id.size
         for answer in answers
     ]
     if answers and all(crossing):
-        return " ".join([SENSORS_STATEMENT, *_expected(options.prior)])
-    words, own = [STATEMENT.format(speed=options.sound_speed_mps)], options.nuisances
+        return " ".join([*joined, SENSORS_STATEMENT, *_expected(options.prior)])
+    words = [*joined, STATEMENT.format(speed=options.sound_speed_mps)]
+    own = options.nuisances
     words += _expected(options.prior)
     if own.is_usual_navigation and not any(crossing):
         words.append(
