@@ -49,8 +49,14 @@ from uwtrack_cli.motion.target_motion.model import (
     to_state,
 )
 from uwtrack_cli.motion.target_motion.modes import TmaOptions
+from uwtrack_cli.motion.target_motion.near_rows import near_rows
 from uwtrack_cli.motion.target_motion.place_readings import VESSEL_VELOCITY_STD_MPS
-from uwtrack_cli.motion.target_motion.problem import Expectation, MotionPrior, Problem
+from uwtrack_cli.motion.target_motion.problem import (
+    Expectation,
+    MotionPrior,
+    Problem,
+    without_rows,
+)
 from uwtrack_cli.motion.target_motion.solvers.marquardt import (
     DescentResult,
     SearchBounds,
@@ -358,7 +364,14 @@ class _Evidence:
             state[:, :2] += begin_s * state[:, 2:] - origin
             extra = np.clip(from_state(state), self._limits.lower, self._limits.upper)
         found = multistart(problem, self._limits, extra=extra)
-        value = _laplace(problem, found)
+        anywhere = 0.0
+        near = near_rows(problem, found.q[0])
+        if near.any():  # bearings of what passes the sensor itself may be any
+            weight = problem.bearing_weight[:, near]
+            anywhere = -float(np.log(np.sqrt(2.0 * pi) * weight[weight > 0]).sum())
+            problem = without_rows(problem, near)
+            found = multistart(problem, self._limits, extra=found.q[:1])
+        value = _laplace(problem, found) + anywhere
         best = int(value.argmax())
         state = to_state(found.q[best])
         state[:2] += origin - begin_s * state[2:]
@@ -503,7 +516,10 @@ def _hypotheses(evidence: _Evidence) -> dict[Hypothesis, float]:
             for one, value in more.items()
         }
         order = sorted(more, key=lambda one: -weight[one])[:MOST_HYPOTHESES]
-        least = weight[order[0]] + LEAST_LOG_WEIGHT
+        least = -np.inf
+        # only when all contacts of a sensor have their place do hypotheses compare
+        if number + 1 == len(heard) or heard[number + 1].sensor != one.sensor:
+            least = weight[order[0]] + LEAST_LOG_WEIGHT
         kept = {one: more[one] for one in order if weight[one] > least}
     count = len(sensors)
     return {one: value + _log_prior(one, heard, count) for one, value in kept.items()}
@@ -546,23 +562,27 @@ def _named(best: Hypothesis, heard: list[_Heard]) -> dict[int, Group]:
 def _pairings(
     named: dict[int, Group], likely: dict[Hypothesis, float], heard: list[_Heard]
 ) -> Pairings:
-    """List the contacts of every target, and those that may be its, with probabilities."""
+    """List the contacts of every target, and those that may be its, with probabilities.
+
+    The targets of every hypothesis are those of the likeliest with which they have most
+    contacts in common.
+    """
+    from scipy.optimize import linear_sum_assignment
+
     top = max(likely.values())
     weight = {one: float(np.exp(value - top)) for one, value in likely.items()}
     total = sum(weight.values())
     share: defaultdict[tuple[int, int], float] = defaultdict(float)
     for hypothesis, own in weight.items():
-        for member in range(len(heard)):
-            (group,) = (one for one in hypothesis if member in one)
-            rest = group - {member}
-            common = {n: len(rest & target) for n, target in named.items()}
-            number = max(common, key=lambda n: common[n])
-            if not common[number]:  # alone: the target that it is by itself, if any
-                alone = [n for n, target in named.items() if target == {member}]
-                if not alone:
-                    continue
-                (number,) = alone
-            share[number, member] += own / total
+        groups, numbers = list(hypothesis), list(named)
+        common = [[len(one & named[number]) for number in numbers] for one in groups]
+        for row, column in zip(
+            *linear_sum_assignment(np.array(common), maximize=True), strict=True
+        ):
+            if not common[row][column]:
+                continue
+            for member in groups[row]:
+                share[numbers[column], member] += own / total
     kept = sorted(
         (number, member)
         for (number, member), value in share.items()
