@@ -70,7 +70,7 @@ def test_numbers_that_are_common_are_honoured():
 
 
 def test_two_contacts_that_say_the_same_share_a_pairing_evenly():
-    series, boat_of, _ = scene(4100, boats=1, rows=20, miss=0.0)
+    series, boat_of, _ = scene(4100, boats=1, rows=60, miss=0.0)
     number = next(n for s, n in boat_of if s == "b0")
     twin = series.take("row", np.flatnonzero(series.sensor == "b0"))
     twin = replace(twin, contact=np.full(twin.time_s.size, number % 9 + 1))

@@ -23,6 +23,7 @@ import numpy as np
 
 from uwtrack_cli.constants import NANOSECONDS, SOUND_SPEED_WATER_MPS
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.directions import Directions
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, checked
 from uwtrack_cli.data.sensor import Sensor
@@ -34,6 +35,7 @@ from uwtrack_cli.motion.fusion.sensor_table import (
     EvenTurn,
     OtherLeg,
     Passages,
+    bearings_of_arrays,
     gather_passages,
 )
 from uwtrack_cli.motion.fusion.track_to_track import Mode, group_encounters, list_modes
@@ -59,6 +61,7 @@ def locate_vessels(
     encounters: list[Encounters] | None = None,
     sensors: list[Sensor] | None = None,
     series: Series | None = None,
+    directions: list[Directions] | None = None,
     *,
     at: list[str] | None = None,
     every_s: Annotated[float | None, Unit("s"), AtLeast(1e-3), AtMost(1e7)] = None,
@@ -80,6 +83,8 @@ def locate_vessels(
         The sensors, found by their identifiers.
     series
         Bearings measured elsewhere, each with its sensor.
+    directions
+        Directions that several arrays heard, where no closest approaches are given.
     at
         Times of the positions: UTC such as 2026-01-31T12:00:00Z, or seconds from
         the first sample.
@@ -116,6 +121,8 @@ def locate_vessels(
     if until is not None and every_s is None:
         msg = f"until ({until}) needs every_s: the interval of the times."
         raise OptionError(msg)
+    if series is None and not encounters and directions:
+        series = bearings_of_arrays(directions, sensors or [])
     if series is not None:
         if encounters:
             msg = (
