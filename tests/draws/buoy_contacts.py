@@ -132,6 +132,8 @@ def score(seed, **given):
         warnings.simplefilter("ignore", UwtrackNote)
         found = locate_vessels(series=series, at=["600"])
     seconds = process_time() - begin
+    if found.pairing_contact is None:  # one buoy alone hears anything
+        return Score(0, 0, 0, 0, 0, seconds)
     members = {
         int(n): [f"{s}/{k}" for c, s, k, p in zip(
             found.pairing_contact, found.pairing_sensor, found.pairing_number,
