@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from tests.draws.buoy_contacts import pairs_of, scene, score
+from uwtrack_cli.data.directions import Directions
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.errors import DataError
 from uwtrack_cli.motion.locate import locate_vessels
 from uwtrack_cli.motion.target_motion.contact_pairing import pair_contacts
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
@@ -116,3 +119,47 @@ def test_results_say_what_was_joined():
         assert found.pairing_probability[0] > 0.95
         assert members in found.statement
         assert found.pairing_number.size == 4
+
+
+def directions_of(series, name, **given):
+    """Return what an array of that name heard of a scene, as its directions."""
+    rows = np.flatnonzero(series.sensor == name)
+    time, frame = np.unique(series.time_s[rows], return_inverse=True)
+    nothing = np.full(rows.size, np.nan)
+    empty = np.zeros(0)
+    number = np.array([np.sum(frame[:k] == f) + 1 for k, f in enumerate(frame)])
+    return Directions(
+        frame=frame, time_s=time[frame], bearing_deg=series.bearing_deg[rows],
+        bearing_std_deg=series.bearing_std_deg[rows], elevation_deg=nothing,
+        elevation_std_deg=nothing, slowness_ratio=nothing, slowness_ratio_std=nothing,
+        snr_db=nothing, level_db=nothing, range_m=nothing, range_std_m=nothing,
+        source=number, lobe_frame=np.zeros(0, np.int64), lobe_bearing_deg=empty,
+        lobe_elevation_deg=empty, lobe_weight=empty, false_alarm_probability=1e-3,
+        band_low_hz=10.0, band_high_hz=100.0, ambiguity="elevation",
+        reference="full scale", sensor=name, **{"method": "beams", **given},
+    )  # fmt: skip
+
+
+def test_directions_of_several_arrays_are_located_together():
+    series, _, places = scene(4100, boats=1, rows=30, miss=0.0, std_deg=2.0)
+    names = sorted(set(series.sensor.tolist()))
+    first = {name: int(np.flatnonzero(series.sensor == name)[0]) for name in names}
+    # the buoys drift by less than their places are known to
+    sensors = [
+        Sensor(
+            id=name, kind="array", channels="a,b,c", compass_std_deg=5.0,
+            position_std_m=200.0, east_m=float(series.sensor_east_m[row]),
+            north_m=float(series.sensor_north_m[row]),
+        )
+        for name, row in first.items()
+    ]  # fmt: skip
+    heard = [directions_of(series, name) for name in names]
+    found = locate_vessels(sensors=sensors, directions=heard, at=["600"])
+    assert found.sensor_contacts.tolist() == ["b0/1 b1/1 b2/1 b3/1"]
+    off = np.array([found.east_m[0], found.north_m[0]]) - places[0]
+    assert off @ np.linalg.solve(found.covariance_m2[0], off) < 5.99
+    with pytest.raises(DataError, match="one side of its plane"):
+        locate_vessels(
+            sensors=sensors,
+            directions=[replace(heard[0], ambiguity="plane"), *heard[1:]],
+        )

@@ -97,7 +97,7 @@ def _whole_parameters(stage: Stage) -> list[inspect.Parameter]:
     parameters = [FILES, BRANCH, *(SIDE_TABLES[n] for n in SIDE_TABLES if n in names)]
     if _takes_sensors(stage):
         parameters.append(SENSORS)
-    if Delays in wanted or stage.output is Encounters:
+    if (Delays in wanted and stage.output is not Fixes) or (stage.output is Encounters):
         parameters.append(SENSOR_FILE)
     return [*parameters, *ENDING, _shared("json_output", AsJson, default=False)]
 
