@@ -21,7 +21,7 @@ HALF_95 = 5.99
 
 
 def scene(seed, *, boats=2, buoys=4, rows=40, std_deg=4.0, miss=0.1, frequencies=False,
-          alter=False):  # fmt: skip
+          alter=False, drift_mps=0.2):  # fmt: skip
     """Return a table, its truth and the places of the boats at 600 s, shape (boats, 2).
 
     The truth is the boat of every sensor and number. Each buoy misses a contact with a
@@ -32,7 +32,7 @@ def scene(seed, *, boats=2, buoys=4, rows=40, std_deg=4.0, miss=0.1, frequencies
     turn = np.radians(360.0 / buoys * np.arange(buoys) + draw.uniform(-20, 20, buoys))
     out = draw.uniform(700, 2100, buoys)
     start = np.stack([out * np.sin(turn), out * np.cos(turn)], -1)
-    drift = draw.normal(0, 0.2, (buoys, 2))
+    drift = draw.normal(0, drift_mps, (buoys, 2))
     time = np.linspace(0.0, 1200.0, rows)
     offset = draw.normal(0.0, 5.0, buoys)
     rest_hz = 60.0 * (1.0 + draw.uniform(-0.05, 0.05, boats))

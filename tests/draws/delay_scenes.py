@@ -34,16 +34,15 @@ def scene(seed, *, recorders=3, frames=60, clock_std_s=1e-3, std_s=2e-4):
     time = 2.0 * np.arange(frames) + 1.0
     rows = []
     for at in time:
-        arrival = np.empty(recorders)
-        for k, place in enumerate(true):
-            left = at  # the sound of a frame leaves earlier by its way
-            for _ in range(4):
-                way = middle + (left - 60.0) * velocity - place
-                left = at - np.sqrt(way @ way + 16.0**2) / sound_mps
-            arrival[k] = at - left
         for a in range(recorders):
             for b in range(a + 1, recorders):
-                delay = arrival[b] - arrival[a] + clock_s[b] - clock_s[a]
+                # windows of one time have in common what left in the middle of both ways
+                left = at
+                for _ in range(4):
+                    way = middle + (left - 60.0) * velocity - true[[a, b]]
+                    late_s = np.sqrt((way**2).sum(1) + 16.0**2) / sound_mps
+                    left = at - late_s.mean()
+                delay = late_s[1] - late_s[0] + clock_s[b] - clock_s[a]
                 rows.append((at, a, b, delay + std_s * draw.standard_normal()))
     at, a, b, delay = np.array(rows).T
     names = np.array([f"r{k}" for k in range(recorders)])

@@ -31,12 +31,13 @@ from uwtrack_cli.motion.target_motion.place_readings import VESSEL_VELOCITY_STD_
 NOMINAL_SOUND_SPEED_STD = 0.01
 """Relative deviation of a sound speed that nobody gave."""
 
-GRID_RANGES, GRID_BEARINGS, NEAREST, FARTHEST = 24, 48, 0.05, 30.0
+GRID_RANGES, GRID_BEARINGS, NEAREST, FARTHEST = 40, 72, 0.05, 30.0
 """Places that the search begins from: numbers of ranges and bearings about the middle of the
 recorders, nearest and farthest range in units of their spread."""
 
-STARTS = 4
-"""Places of each half of the delays that are paired to starts."""
+STARTS, NEIGHBOURS = 4, 0.3
+"""Places of each half of the delays that are paired to starts, and the share of its distance
+from the middle of the recorders within which another place is the same."""
 
 HUBER = 3.0
 """Deviations beyond which a delay counts less."""
@@ -236,12 +237,24 @@ def _starts(heard: _Heard) -> FloatArray:
         first, second = heard.first[half], heard.second[half]
         off = heard.slowness * (away[:, second] - away[:, first]) - heard.delay_s[half]
         value = np.abs(off).mean(axis=1)
-        halves.append((grid[np.argsort(value)[:STARTS]], usual(heard.time_s[half])))
+        halves.append((_apart(grid, value, centre), usual(heard.time_s[half])))
     (before, early_s), (after, late_s) = halves
-    starts = []
+    starts = [np.append(one, np.zeros(2)) for one in before]
     for one in before:
         for other in after:
             velocity = (other - one) / max(late_s - early_s, 1e-3)
             velocity = np.clip(velocity, -20.0, 20.0)
             starts.append(np.append(one - early_s * velocity, velocity))
     return np.array(starts)
+
+
+def _apart(grid: FloatArray, value: FloatArray, centre: FloatArray) -> FloatArray:
+    """Return the best places of a grid, none of which is the neighbour of another."""
+    kept: list[FloatArray] = []
+    for place in grid[np.argsort(value)]:
+        reach = NEIGHBOURS * float(np.hypot(*(place - centre)))
+        if all(float(np.hypot(*(place - other))) > reach for other in kept):
+            kept.append(place)
+        if len(kept) == STARTS:
+            break
+    return np.array(kept)
