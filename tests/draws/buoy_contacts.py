@@ -1,7 +1,8 @@
 """Boats heard by drifting buoys, each of which numbers its contacts on its own.
 
-`python -m tests.draws.buoy_contacts BOATS SEED COUNT [frequencies] [alter]` prints how many
-contacts are paired right, and how many of the ellipses of `locate` hold the boats.
+`python -m tests.draws.buoy_contacts BOATS SEED COUNT [frequencies] [alter] [no_bearings]`
+prints how many contacts are paired right, and how many of the ellipses of `locate` hold the
+boats.
 """
 
 import sys
@@ -21,13 +22,14 @@ HALF_95 = 5.99
 
 
 def scene(seed, *, boats=2, buoys=4, rows=40, std_deg=4.0, miss=0.1, frequencies=False,
-          alter=False, drift_mps=0.2):  # fmt: skip
+          alter=False, drift_mps=0.2, no_bearings=False):  # fmt: skip
     """Return a table, its truth and the places of the boats at 600 s, shape (boats, 2).
 
     The truth is the boat of every sensor and number. Each buoy misses a contact with a
     probability, and numbers those that it hears at random from 1 to 9. With frequencies
-    every boat has a line, which four of ten boats share within 2 %.
+    every boat has a line, near that of the others. Without bearings that line is all.
     """
+    frequencies = frequencies or no_bearings
     draw = np.random.default_rng(seed)
     turn = np.radians(360.0 / buoys * np.arange(buoys) + draw.uniform(-20, 20, buoys))
     out = draw.uniform(700, 2100, buoys)
@@ -79,8 +81,8 @@ def scene(seed, *, boats=2, buoys=4, rows=40, std_deg=4.0, miss=0.1, frequencies
     series = Series(
         contact=np.array(columns["contact"], np.int64),
         time_s=np.array(columns["time_s"]),
-        bearing_deg=np.array(columns["theta"]) % 360.0,
-        bearing_std_deg=np.full(count, std_deg),
+        bearing_deg=unknown if no_bearings else np.array(columns["theta"]) % 360.0,
+        bearing_std_deg=unknown if no_bearings else np.full(count, std_deg),
         frequency_hz=tone,
         frequency_std_hz=np.full(tone.shape, 0.02),
         level_db=unknown,
