@@ -75,6 +75,9 @@ BLOCKS = 20
 MOST_HYPOTHESES, LEAST_LOG_WEIGHT = 300, -14.0
 """Hypotheses that are kept, and their least weight beside the likeliest one."""
 
+LEAST_EVIDENCE = -1e6
+"""Log evidence of a target whose motion has no volume that numbers hold."""
+
 LOG_RANGE_STD = 1.0
 """Prior deviation of the logarithm of a range."""
 
@@ -201,11 +204,15 @@ def pair_contacts(
         return series, None
     if np.unique(series.sensor).size < 2:
         return series, None
-    evidence = _Evidence(_contacts(series, options), options)
+    heard = _contacts(series, options)
+    if not heard:
+        return series, None
+    evidence = _Evidence(heard, options)
     likely = _hypotheses(evidence)
     best = max(likely, key=lambda one: likely[one])
     named = _named(best, evidence.heard)
-    contact = series.contact.copy()
+    contact = np.empty_like(series.contact)
+    contact[:] = min(named)  # rows that measured nothing are anybody's
     for number, group in named.items():
         for member in group:
             contact[evidence.heard[member].rows] = number
@@ -217,37 +224,84 @@ def _contacts(series: Series, options: TmaOptions) -> list[_Heard]:
     """Return the contacts of all sensors, one sensor after the other."""
     if series.sensor is None:
         return []
+    sensor = series.sensor
+    series = _with_deviations(series, options)
+    is_measured = np.isfinite(series.bearing_deg)
+    is_measured |= np.isfinite(series.frequency_hz).any(axis=1)
     found = []
-    for name in np.unique(series.sensor):
-        of_sensor = series.sensor == name
+    for name in np.unique(sensor):
+        of_sensor = is_measured & (sensor == name)
         for number in np.unique(series.contact[of_sensor]):
             rows = np.flatnonzero(of_sensor & (series.contact == number))
             rows = rows[np.argsort(series.time_s[rows], kind="stable")]
             time = series.time_s[rows]
             span = float(time[0]), float(time[-1])
-            blocks = _gathered(series.take("row", rows), options)
+            blocks = _gathered(series.take("row", rows))
             found.append(_Heard(str(name), int(number), rows, span, blocks))
     # a contact that broke comes after what it was before
     return sorted(found, key=lambda one: (one.sensor, one.span_s))
 
 
-def _gathered(series: Series, options: TmaOptions) -> Series:
-    """Gather the rows of one contact into blocks, with the deviations of their middles."""
+def _with_deviations(series: Series, options: TmaOptions) -> Series:
+    """Give every row the deviations that were stated, or the scatter of its contact.
+
+    A contact with too few rows for a scatter has the median of the others.
+    """
     given = options.misfit
-    bearing_std = _row_deviations(
-        series.bearing_deg[:, np.newaxis], series.bearing_std_deg[:, np.newaxis],
-        given.bearing_std_deg, turn=360.0,
+    bearing = _row_deviations(
+        series, series.bearing_deg[:, np.newaxis],
+        series.bearing_std_deg[:, np.newaxis], given.bearing_std_deg, is_angle=True,
     )  # fmt: skip
-    frequency_std = _row_deviations(
-        series.frequency_hz, series.frequency_std_hz, given.frequency_std_hz
+    frequency = _row_deviations(
+        series, series.frequency_hz, series.frequency_std_hz, given.frequency_std_hz
     )
+    return replace(series, bearing_std_deg=bearing[:, 0], frequency_std_hz=frequency)
+
+
+def _row_deviations(
+    series: Series,
+    values: FloatArray,
+    std: FloatArray,
+    asked: float | None,
+    *,
+    is_angle: bool = False,
+) -> FloatArray:
+    """Return the deviations of rows: as stated, or their scatter if that is larger.
+
+    ``asked``: that of rows that state none. Angles are in degrees.
+    """
+    found = std.copy() if asked is None else np.nan_to_num(std, nan=asked)
+    names = np.zeros(0) if series.sensor is None else series.sensor
+    owner = np.stack([np.unique(names, return_inverse=True)[1], series.contact])
+    for sensor, contact in np.unique(owner, axis=1).T:
+        rows = np.flatnonzero((owner[0] == sensor) & (owner[1] == contact))
+        rows = rows[np.argsort(series.time_s[rows], kind="stable")]
+        for column, line in enumerate(values[rows].T):
+            scatter = white_scatter(
+                np.radians(line) if is_angle else line, circular=is_angle
+            )
+            scatter = float(np.degrees(scatter)) if is_angle else scatter
+            least = np.fmax(scatter, rounding_std(line))
+            if np.isfinite(scatter) and least > 0.0:
+                found[rows, column] = np.fmax(found[rows, column], least)
+    if np.isfinite(found).any():
+        usual = np.broadcast_to(np.nanmedian(found), found.shape)
+        found = np.where(np.isnan(found), usual, found)
+    return found
+
+
+def _gathered(series: Series) -> Series:
+    """Gather the rows of one contact into blocks, with the deviations of their middles."""
     n = series.time_s.size
     edges = np.linspace(0, n, min(n, BLOCKS) + 1).astype(int)
     parts = [slice(a, b) for a, b in pairwise(edges)]
     bearing, bearing_std = _middles(
-        series.bearing_deg[:, np.newaxis], bearing_std, parts, turn=360.0
+        series.bearing_deg[:, np.newaxis], series.bearing_std_deg[:, np.newaxis], parts,
+        turn=360.0,
+    )  # fmt: skip
+    frequency, frequency_std = _middles(
+        series.frequency_hz, series.frequency_std_hz, parts
     )
-    frequency, frequency_std = _middles(series.frequency_hz, frequency_std, parts)
     mirrored = series.mirrored_bearing_deg
     if mirrored is not None:
         folded, _ = _middles(
@@ -263,26 +317,6 @@ def _gathered(series: Series, options: TmaOptions) -> Series:
         frequency_std_hz=frequency_std,
         mirrored_bearing_deg=mirrored,
     )
-
-
-def _row_deviations(
-    values: FloatArray, std: FloatArray, asked: float | None, turn: float = np.inf
-) -> FloatArray:
-    """Return the deviations of rows: as stated, or their scatter if that is larger.
-
-    ``asked``: that of rows that state none.
-    """
-    found = std.copy() if asked is None else np.nan_to_num(std, nan=asked)
-    for column, line in enumerate(values.T):
-        is_angle = np.isfinite(turn)
-        scatter = white_scatter(
-            np.radians(line) if is_angle else line, circular=is_angle
-        )
-        scatter = float(np.degrees(scatter)) if is_angle else float(scatter)
-        scatter = max(scatter, rounding_std(line))
-        if np.isfinite(scatter):
-            found[:, column] = np.fmax(found[:, column], scatter)
-    return found
 
 
 MEDIAN_VARIANCE = pi / 2.0
@@ -364,21 +398,31 @@ class _Evidence:
             state[:, :2] += begin_s * state[:, 2:] - origin
             extra = np.clip(from_state(state), self._limits.lower, self._limits.upper)
         found = multistart(problem, self._limits, extra=extra)
-        anywhere = 0.0
+        evidence, q = self._evidence(problem, found)
         near = near_rows(problem, found.q[0])
         if near.any():  # bearings of what passes the sensor itself may be any
             weight = problem.bearing_weight[:, near]
             anywhere = -float(np.log(np.sqrt(2.0 * pi) * weight[weight > 0]).sum())
-            problem = without_rows(problem, near)
-            found = multistart(problem, self._limits, extra=found.q[:1])
-        value = _laplace(problem, found) + anywhere
-        best = int(value.argmax())
-        state = to_state(found.q[best])
+            rest = without_rows(problem, near)
+            other = multistart(rest, self._limits, extra=found.q[:1])
+            value, way = self._evidence(rest, other)
+            if value + anywhere > evidence:
+                evidence, q = value + anywhere, way
+        state = to_state(q)
         state[:2] += origin - begin_s * state[2:]
+        return _Fit(max(evidence, LEAST_EVIDENCE), state)
+
+    def _evidence(
+        self, problem: Problem, found: DescentResult
+    ) -> tuple[float, FloatArray]:
+        """Return the log evidence of a target, and its likeliest straight motion."""
+        value = _laplace(problem, found)
+        best = int(value.argmax())
+        q = found.q[best]
         evidence = _with_alterations(
-            problem, found.q[best], float(value[best]), self._limits, self._options
+            problem, q, float(value[best]), self._limits, self._options
         )
-        return _Fit(evidence, state)
+        return evidence, q
 
     def _problem(self, group: Group) -> tuple[Problem, FloatArray, float]:
         """Return the problem of a target, where its states count from, and when."""
