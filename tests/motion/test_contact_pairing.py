@@ -162,3 +162,25 @@ def test_directions_of_several_arrays_are_located_together():
             sensors=sensors,
             directions=[replace(heard[0], ambiguity="plane"), *heard[1:]],
         )
+
+
+def test_rows_without_values_and_deviations_are_no_obstacle():
+    series, _, _ = scene(4100, rows=20, buoys=3)
+    nothing = np.full(series.time_s.size, np.nan)
+    untold = replace(
+        series,
+        bearing_deg=np.where(series.sensor == "b1", np.nan, series.bearing_deg),
+        bearing_std_deg=nothing,
+        sensor_compass_std_deg=np.full(3, np.nan),
+    )
+    paired, pairings = pair_contacts(untold, OPTIONS, "own")
+    assert "b1" not in set(pairings.sensor)
+    assert set(np.unique(paired.contact)) == set(np.unique(pairings.contact))
+
+
+def test_a_boat_that_passes_over_a_buoy_is_joined():
+    # its bearings turn by half within a block: of a way through the place itself
+    series, boat_of, _ = scene(1003, rows=40)
+    _, pairings = pair_contacts(series, OPTIONS, "own")
+    right, pairs = pairs_of(boat_of, joined(pairings))
+    assert right == pairs == 6
