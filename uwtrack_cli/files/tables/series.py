@@ -79,7 +79,9 @@ def read_series(path: Path | str, *, sensors: Sequence[Sensor] | None = None) ->
     values["bearing_deg"] = values["bearing_deg"] % 360.0
     series = Series(
         **values,
-        contact_numbers="own" if "contact" in table else "common",
+        contact_numbers="own"
+        if "contact" in table or "sensor" not in table
+        else "common",
         where=table.where,
     )
     _check_one_unit(table, series)
