@@ -29,7 +29,7 @@ def joined(pairings):
 
 @pytest.mark.parametrize(
     ("seed", "given"),
-    [(4100, {}), (4200, {"alter": True}), (4300, {"boats": 3, "frequencies": True})],
+    [(4100, {}), (300, {"alter": True}), (4300, {"boats": 3, "frequencies": True})],
     ids=["straight", "altering", "frequencies"],
 )
 def test_contacts_with_random_numbers_are_joined_as_the_boats_were(seed, given):

@@ -445,14 +445,14 @@ def replay_lines(
 ) -> Iterator[str]:
     """Yield the lines of a REP file, or of a DSF file: cuts alone.
 
-    ``with_tracks``: whether tracks of sensors and vessels are written.
+    ``told`` says which contacts of the sensors were joined. ``with_tracks``: whether tracks of sensors and vessels are written.
 
     Raises
     ------
     DataError
         A time is not known as UTC, or a table has several lines.
     """
-    for one in series:
+    for one in (_as_joined(table, told) for table in series):
         if one.start_utc_ns is None:
             msg = (
                 "REP and DSF need UTC, and the table has seconds alone: give time_utc."
@@ -465,6 +465,23 @@ def replay_lines(
     if with_tracks:
         for each in told:
             yield from _fix_lines(each) if isinstance(each, Fixes) else _leg_lines(each)
+
+
+def _as_joined(series: Series, told: Sequence[Fixes | Motions]) -> Series:
+    """Return a table with the contacts to which those of its sensors were joined."""
+    contact = series.contact.copy()
+    for one in told:
+        columns = (one.pairing_contact, one.pairing_sensor, one.pairing_number)
+        target, sensor, number = columns
+        share = one.pairing_share
+        if target is None or sensor is None or number is None or share is None:
+            continue
+        names = np.empty(0, np.str_) if series.sensor is None else series.sensor
+        for k in np.argsort(share, kind="stable"):  # the likeliest comes last
+            is_meant = (names == sensor[k]) & (series.contact == number[k])
+            contact[is_meant] = target[k]
+        return replace(series, contact=contact)
+    return series
 
 
 def _latitudes(series: Series) -> tuple[FloatArray, FloatArray] | None:
