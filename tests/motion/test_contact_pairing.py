@@ -184,3 +184,13 @@ def test_a_boat_that_passes_over_a_buoy_is_joined():
     _, pairings = pair_contacts(series, OPTIONS, "own")
     right, pairs = pairs_of(boat_of, joined(pairings))
     assert right == pairs == 6
+
+
+def test_bearings_that_say_nothing_leave_the_odds_of_the_prior():
+    # one contact of each of two sensors: one target heard by both, or two heard by one.
+    # With a share of heard ones that may be any, 1/3 to 1/30: Beta(3, 1) and Beta(3, 3)
+    series, _, _ = scene(4100, boats=1, buoys=2, rows=3, miss=0.0)
+    vague = replace(series, bearing_std_deg=np.full(series.time_s.size, 1e5))
+    _, pairings = pair_contacts(vague, OPTIONS, "own")
+    share = pairings.share[pairings.contact == pairings.contact[0]]
+    np.testing.assert_allclose(share.min(), 10.0 / 11.0, atol=0.01)

@@ -454,10 +454,12 @@ def _laplace(problem: Problem, found: DescentResult) -> FloatArray:
     std, count = VESSEL_VELOCITY_STD_MPS, found.q.shape[1]
     matrix = found.matrix.copy()
     # the prior of the speed as it bends across the velocity
-    speed = np.hypot(*found.q[:, 2:STRAIGHT].T)
-    across = found.q[:, [3, 2]] * [1.0, -1.0] / np.maximum(speed, 1e-9)[:, np.newaxis]
-    bend = across[:, :, np.newaxis] * across[:, np.newaxis] / std**2
-    matrix[:, 2:STRAIGHT, 2:STRAIGHT] += bend
+    velocity = found.q[:, 2:STRAIGHT]
+    along = velocity / np.maximum(np.hypot(*velocity.T), 1e-9)[:, np.newaxis]
+    bend = np.eye(2) - along[:, :, np.newaxis] * along[:, np.newaxis]
+    matrix[:, 2:STRAIGHT, 2:STRAIGHT] += bend / std**2
+    # a bearing has a circle: its volume is no larger where nothing tells it
+    matrix[:, 1, 1] += 1.0 / (2.0 * pi)
     sign, volume = np.linalg.slogdet(matrix)
     value = -0.5 * (found.value + volume - count * log(2.0 * pi))
     value -= 2.5 * log(2.0 * pi) + log(LOG_RANGE_STD * std**2)
