@@ -59,6 +59,7 @@ def buoys(seed, *, n=4, rows=60, std_deg=8.0, strange=0.1, moving=True,
         sensor_compass_std_deg=np.full(n, 15.0 / np.sqrt(3.0)),
         sensor_position_std_m=np.zeros(n),
         origin="grid",
+        contact_numbers="common",
     )
     return series, place, velocity, wrong
 

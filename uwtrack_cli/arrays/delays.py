@@ -6,6 +6,9 @@ allows and a little more; a parabola refines its maximum. The deviation is the
 Cramer-Rao bound with the coherence that the aligned spectra show in stretches of
 sixteen bins.
 
+Between recorders of one clock that lie far apart the spectra are first aligned, frame by
+frame, by the largest delay of the cross-spectrum whose stretches have one level.
+
 **Conventions.** A delay is positive where the second hydrophone hears later.
 
 **References.** C. H. Knapp & G. C. Carter, IEEE Trans. ASSP 24 (1976): the weights and
@@ -23,6 +26,7 @@ from numpy.typing import NDArray
 
 from uwtrack_cli.arrays.broadband_directions import BAND_BINS, bands_of
 from uwtrack_cli.arrays.element_check import ElementCheck, with_silent_elements
+from uwtrack_cli.arrays.recorders import RecordersReader
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.directions import Delays
 from uwtrack_cli.data.frames import Frames
@@ -63,6 +67,12 @@ without it (4,800 pairs and frames)."""
 PHAT_LOSS = 1.5
 """Variance of the phase transform over that of scot: bins without signal count fully."""
 
+ALIGNED_LAGS = 5 * FINENESS
+"""Delays of the grid on either side of that to which spectra were aligned."""
+
+CLOCK_DEVIATIONS = 3.0
+"""Deviations by which clocks are sought apart."""
+
 MOST_LAGS = 20_000
 """Delays of the grid of one pair at most."""
 
@@ -85,7 +95,9 @@ def measure_delays(
     """Measure the delays between the hydrophones of an array.
 
     For small arrays, four hydrophones about a metre apart: every pair of them gives a
-    delay in every frame, from which directions follow.
+    delay in every frame, from which directions follow. Several files are those of
+    recorders at several places, whose clocks are synchronised as clock_std_s of their
+    sensor files says.
 
     Parameters
     ----------
@@ -170,7 +182,17 @@ class _Correlator:
         distance = np.array(
             [np.linalg.norm(self._places[a] - self._places[b]) for a, b in self._pairs]
         )
-        longest_s = float(distance.max()) / sensor.sound_speed_mps
+        recorders = self.recording.reader
+        stds, late_s = np.zeros((2, len(self._places)))
+        if isinstance(recorders, RecordersReader):
+            stds, late_s = np.array([recorders.clock_std_s, recorders.late_s])
+        self._clock_std_s = np.array(
+            [np.hypot(stds[a], stds[b]) for a, b in self._pairs]
+        )
+        self._late_s = np.array([late_s[b] - late_s[a] for a, b in self._pairs])
+        clock_s = CLOCK_DEVIATIONS * np.nan_to_num(self._clock_std_s)
+        sought_s = REACH * distance / sensor.sound_speed_mps + clock_s
+        longest_s = float(sought_s.max()) / REACH
         window_s = self.layout.window / self.layout.rate_hz
         if 2.0 * longest_s > window_s:
             msg = (
@@ -181,8 +203,10 @@ class _Correlator:
             )
             raise OptionError(msg)
         self._step_s = 1.0 / (FINENESS * self.layout.rate_hz)
-        reach = REACH * distance / sensor.sound_speed_mps / self._step_s
-        self._n_lags = np.ceil(reach).astype(int) + 1
+        self._reach_s = sought_s
+        self._n_lags = np.ceil(sought_s / self._step_s).astype(int) + 1
+        if self._is_far:
+            self._n_lags = np.full(distance.size, ALIGNED_LAGS)
         if self._n_lags.max() > MOST_LAGS:
             msg = (
                 f"sound takes {self._n_lags.max() / FINENESS:.0f} samples across the "
@@ -204,9 +228,11 @@ class _Correlator:
             whole = frames.valid_fraction == 1.0
             clean = samples if whole.all() else np.nan_to_num(samples)
             spectra = self.layout.spectra_of_all(clean, count)
-            alive = self._check.alive(
-                spectra, self._frequency_hz, float(frames.time_s[0])
-            )
+            alive = (spectra != 0).any(axis=(0, 2))
+            if not self._is_far:
+                alive = self._check.alive(
+                    spectra, self._frequency_hz, float(frames.time_s[0])
+                )
             yield self._delays(spectra, alive, whole, frames)
 
     def _delays(
@@ -222,19 +248,20 @@ class _Correlator:
             if alive[a] and alive[b]
         ]
         found = [
-            self._pair(spectra[:, a], spectra[:, b], int(self._n_lags[number]))
-            for number, a, b in used
+            self._pair(spectra[:, a], spectra[:, b], number) for number, a, b in used
         ]
         delay_s, std_s, coherence = np.stack(found, axis=-1)  # frame, pair
         known = np.isfinite(delay_s) & whole[:, None]
         frame, pair = np.nonzero(known)
         first = np.array([a for _, a, _ in used])[pair]
         second = np.array([b for _, _, b in used])[pair]
+        number = np.array([number for number, _, _ in used])[pair]
         return Delays(
             time_s=frames.time_s[frame],
             channel_a=self._names[first],
             channel_b=self._names[second],
-            delay_s=delay_s[known],
+            delay_s=delay_s[known] + self._late_s[number],
+            clock_std_s=self._clock_std_s[number] if self._is_far else None,
             delay_std_s=std_s[known],
             coherence=coherence[known],
             sensor=self.recording.sensor.id,
@@ -242,9 +269,15 @@ class _Correlator:
         )
 
     def _pair(
-        self, one: NDArray[np.complex64], other: NDArray[np.complex64], reach: int
+        self, one: NDArray[np.complex64], other: NDArray[np.complex64], number: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return delay, deviation and coherence of a pair in every frame."""
+        reach = int(self._n_lags[number])
+        coarse_s: FloatArray = np.zeros(one.shape[1])
+        if self._is_far:
+            coarse_s = self._coarse(one, other, float(self._reach_s[number]))
+            aligned = np.multiply.outer(self._frequency_hz, coarse_s)
+            other = other * np.exp(2j * np.pi * aligned).astype(np.complex64)
         cross, level, weight = self._weighted(one, other)
         lag_s = self._step_s * np.arange(-reach, reach + 1)
         turn = np.exp(2j * np.pi * np.multiply.outer(lag_s, self._frequency_hz))
@@ -254,14 +287,41 @@ class _Correlator:
         height = (turn.astype(np.complex64) @ spread.astype(np.complex64)).real
         best = height.argmax(axis=0)
         is_found = (best > 0) & (best < lag_s.size - 1)
-        is_found &= height.max(axis=0) > self._threshold(spread, float(lag_s[-1]))
+        is_found &= height.max(axis=0) > self._threshold(
+            spread, max(float(self._reach_s[number]), float(lag_s[-1]))
+        )
         at, row = np.clip(best, 1, lag_s.size - 2), np.arange(best.size)
         three = (height[at + k, row].astype(float) for k in (-1, 0, 1))
         delay_s = lag_s[at] + self._step_s * parabola_offset(*three)
         variance, coherence = self._variance(other * one.conj(), level, weight, delay_s)
         is_known = is_found & np.isfinite(variance)
         std_s = np.sqrt(np.where(is_known, variance, 1.0))
-        return np.where(is_known, delay_s, np.nan), std_s, coherence
+        return np.where(is_known, coarse_s + delay_s, np.nan), std_s, coherence
+
+    @property
+    def _is_far(self) -> bool:
+        """Whether the hydrophones are recorders that lie far apart."""
+        return isinstance(self.recording.reader, RecordersReader)
+
+    def _coarse(
+        self,
+        one: NDArray[np.complex64],
+        other: NDArray[np.complex64],
+        reach_s: float,
+    ) -> FloatArray:
+        """Return the delay of every frame to a sample, s."""
+        from scipy.fft import irfft
+
+        cross, _, _ = self._weighted(one, other, is_flat=True)
+        step_hz = float(self._frequency_hz[1] - self._frequency_hz[0])
+        size = round(self.layout.rate_hz / step_hz)
+        padded = np.zeros((size // 2 + 1, cross.shape[1]), np.complex64)
+        first = round(float(self._frequency_hz[0]) / step_hz)
+        padded[first : first + len(cross)] = cross
+        height = irfft(padded, size, axis=0)
+        most = min(int(np.ceil(reach_s * self.layout.rate_hz)), size // 2 - 1)
+        lag = np.arange(-most, most + 1)
+        return np.asarray(lag[height[lag].argmax(axis=0)] / self.layout.rate_hz)
 
     def _threshold(self, spread: NDArray[np.complex64], reach_s: float) -> FloatArray:
         """Return what the correlation of noise reaches at the stated rate.
@@ -280,12 +340,16 @@ class _Correlator:
         return np.asarray(-ndtri(self.probability / n_own) * scale)
 
     def _weighted(
-        self, one: NDArray[np.complex64], other: NDArray[np.complex64]
+        self,
+        one: NDArray[np.complex64],
+        other: NDArray[np.complex64],
+        *,
+        is_flat: bool = False,
     ) -> tuple[NDArray[np.complex64], FloatArray, FloatArray]:
         """Return the cross-spectrum, its level and the weights of the stretches.
 
         The level of a stretch is the geometric mean of the two hydrophones' powers; the
-        cross-spectrum is given over it.
+        cross-spectrum is given over it. ``is_flat``: all stretches weigh alike.
         """
         cross = other * one.conj()
         stretches = self._stretches
@@ -299,6 +363,8 @@ class _Correlator:
             if self.weighting == "phat":
                 continue
             cross[bins] /= level[row]
+            if is_flat:
+                continue
             seen = np.abs(cross[bins].mean(axis=0))
             if self.weighting == "ml":  # of all frames of the block: less noisy
                 mean = np.sqrt(np.mean(seen**2))

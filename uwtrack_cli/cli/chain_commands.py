@@ -15,7 +15,7 @@ from uwtrack_cli.cli.command_factory import (
     stage_function,
 )
 from uwtrack_cli.cli.console import progress_bar, say_wrote
-from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS, open_source
+from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS, open_sources
 from uwtrack_cli.cli.result_output import is_shown, print_result
 from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.data.base import Container
@@ -43,6 +43,10 @@ def _shared(name: str, hint: Any, default: Any = None) -> inspect.Parameter:
 
 
 SOUND = _argument("source", Path, "Recording: WAV, RF64, W64, FLAC or AIFF.")
+RECORDERS = _argument(
+    "sources", list[Path],
+    "Recording of an array, or one of each of several synchronised recorders.",
+)  # fmt: skip
 ONE_FILE = _argument("source", Path, "Result file; - is standard input.")
 FILES = _argument(
     "sources", list[Path], "Result files in any order, or a CSV table; - is standard input."
@@ -78,8 +82,9 @@ def stage_command(name: str) -> Callable[..., None]:
     """Return the function that is the command of a stage."""
     stage = find_stage(name)
     if stage.kind == "source":
+        sound = RECORDERS if stage.output is Delays else SOUND
         return stage_function(
-            stage, _source_body(stage), [SOUND, *SOURCE_PARAMETERS, *ENDING]
+            stage, _source_body(stage), [sound, *SOURCE_PARAMETERS, *ENDING]
         )
     if stage.kind == "whole":
         return stage_function(stage, _whole_body(stage), _whole_parameters(stage))
@@ -92,7 +97,7 @@ def _whole_parameters(stage: Stage) -> list[inspect.Parameter]:
     parameters = [FILES, BRANCH, *(SIDE_TABLES[n] for n in SIDE_TABLES if n in names)]
     if _takes_sensors(stage):
         parameters.append(SENSORS)
-    if Delays in wanted or stage.output is Encounters:
+    if (Delays in wanted and stage.output is not Fixes) or (stage.output is Encounters):
         parameters.append(SENSOR_FILE)
     return [*parameters, *ENDING, _shared("json_output", AsJson, default=False)]
 
@@ -103,14 +108,14 @@ def _source_body(stage: Stage) -> Any:
         from uwtrack_cli.flow.products import source_into_product
         from uwtrack_cli.flow.rungs import rung_steps
 
-        source: Path = own["source"]
+        sources: list[Path] = own["sources"] if "sources" in own else [own["source"]]
         steps = [_step(stage, each) for each in options]
-        recording = open_source(source, own)
+        recording = open_sources(sources, own)
         steps = rung_steps(steps, recording)
-        target = own["output"] or product_name(source, stage.suffix)
+        target = own["output"] or product_name(sources[0], stage.suffix)
         with (
             progress_bar(stage.name, recording.duration_s) as done,
-            writer_for(target, overwrite=own["overwrite"], inputs=[source]) as writer,
+            writer_for(target, overwrite=own["overwrite"], inputs=sources) as writer,
         ):
             source_into_product(steps, recording, writer, done)
         say_wrote(target)

@@ -1,6 +1,6 @@
 """How a recording is named at the shell: its sensor, its start, its span."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -69,6 +69,21 @@ def open_source(path: Path, options: Mapping[str, Any]) -> Recording:
     recording = open_with_options(path, options)
     say(_assumptions(recording), 1)
     return recording
+
+
+def open_sources(paths: Sequence[Path], options: Mapping[str, Any]) -> Recording:
+    """Open a recording, or those of several recorders as that of one array.
+
+    Raises
+    ------
+    OptionError
+        An option does not fit a recording.
+    DataError
+        The recorders have no time or place in common.
+    """
+    from uwtrack_cli.flow.sources import joined
+
+    return joined([open_source(path, options) for path in paths])
 
 
 def _assumptions(recording: Recording) -> str:

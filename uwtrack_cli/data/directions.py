@@ -121,5 +121,10 @@ class Delays(Container):
         "Coherence (not squared) of the pair in the band; None where it is not given.",
         cells=Cells(0.0, 1.0, every=True),
     )
+    clock_std_s: FloatArray | None = column(
+        "Standard deviation of the difference of the clocks of two recorders, the same "
+        "error in all frames; nan where it is not given; None: one recorder.",
+        cells=Cells(0.0, 1e6),
+    )
     sensor: str | None = scalar("Identifier of the sensor; None if not known.", None)
     start_utc_ns: int | None = scalar("UTC epoch of time zero.", None)

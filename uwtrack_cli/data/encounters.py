@@ -418,6 +418,23 @@ class Fixes(Container):
     alternative_motion_model_probability: FloatArray | None = column(
         "Its probability; 0 without one.", key="alternative_motion_model.probability"
     )
+    sensor_contacts: TextArray | None = column(
+        "Contacts of the sensors that were joined by evidence: sensor/number, with spaces "
+        "between; empty where nothing was joined.", unknown="",
+    )  # fmt: skip
+    pairing_probability: FloatArray | None = column(
+        "Probability of the least certain of these pairings."
+    )
+    pairing_contact: IntArray | None = column(
+        "Contact that a sensor's contact may belong to.", "pairing"
+    )
+    pairing_sensor: TextArray | None = column("Sensor.", "pairing")
+    pairing_number: IntArray | None = column(
+        "Number of the contact at that sensor.", "pairing"
+    )
+    pairing_share: FloatArray | None = column(
+        "Probability that it belongs to that contact.", "pairing"
+    )
     origin: str = scalar("What the grid is relative to: a sensor or 'grid'.")
     origin_latitude: float | None = scalar("Latitude of the origin.", None)
     origin_longitude: float | None = scalar("Longitude of the origin.", None)

@@ -119,6 +119,23 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
         "Sensor from which range and bearing at the first measurement count; empty: "
         "own ship.", unknown="",
     )  # fmt: skip
+    sensor_contacts: TextArray | None = column(
+        "Contacts of the sensors that were joined by evidence: sensor/number, with spaces "
+        "between; empty where nothing was joined.", unknown="",
+    )  # fmt: skip
+    pairing_probability: FloatArray | None = column(
+        "Probability of the least certain of these pairings."
+    )
+    pairing_contact: IntArray | None = column(
+        "Contact that a sensor's contact may belong to.", "pairing"
+    )
+    pairing_sensor: TextArray | None = column("Sensor.", "pairing")
+    pairing_number: IntArray | None = column(
+        "Number of the contact at that sensor.", "pairing"
+    )
+    pairing_share: FloatArray | None = column(
+        "Probability that it belongs to that contact.", "pairing"
+    )
     row_contact: IntArray | None = column("Contact of a measured bearing.", "row")
     row_number: IntArray | None = column("Its row in the table, from 1.", "row")
     row_time_s: FloatArray | None = column("Its time.", "row")

@@ -69,6 +69,10 @@ class Series(Container):
     origin_latitude: float | None = scalar("Latitude of the origin.", None)
     origin_longitude: float | None = scalar("Longitude of the origin.", None)
     start_utc_ns: int | None = scalar("UTC epoch of time zero.", None)
+    contact_numbers: str = scalar(
+        "Whose the numbers of contacts are where several sensors measured: 'own' of each "
+        "sensor, or 'common' to all, as in a table without a column contact.", "own",
+    )  # fmt: skip
     where: Callable[[int], str] | None = scalar(
         "Names the file and line in which a row stood; not stored.", None
     )

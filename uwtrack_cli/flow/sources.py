@@ -5,7 +5,7 @@ whose clock is known to be fast or slow has the sample rate that it had in truth
 every frequency and time after it is right; spans are told in true seconds.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -38,6 +38,21 @@ NO_OPTIONS: dict[str, Any] = {
     "stop_s": None, "allow_truncated": False,
 }  # fmt: skip
 """Options of opening, when nothing is asked for."""
+
+
+def joined(recordings: Sequence[Recording]) -> Recording:
+    """Return the one recording, or those of several recorders as that of one array.
+
+    Raises
+    ------
+    DataError
+        The recorders have no time or place in common.
+    """
+    if len(recordings) == 1:
+        return recordings[0]
+    from uwtrack_cli.arrays.recorders import join_recorders
+
+    return join_recorders(recordings)
 
 
 def open_with_options(

@@ -49,15 +49,18 @@ def fix_table(
     start_utc_ns: int | None,
     grid: tuple[str, Origin | None],
     statement: str,
-    *,
-    has_readings: bool = False,
+    **tables: NDArray[Any],
 ) -> Fixes:
-    """Put the rows of all modes one after the other, on a grid of a name and origin."""
+    """Put the rows of all modes one after the other, on a grid of a name and origin.
+
+    ``tables``: columns of other axes.
+    """
     name, origin = grid
     columns: dict[str, Any] = {}
     for key, spec in Fixes.columns().items():
+        is_there = bool(parts) and all(key in part for part in parts)
         if key not in {"time_utc_ns", "latitude", "longitude"} and (
-            has_readings or not spec.optional
+            is_there or not spec.optional
         ):
             kind = "U1" if spec.dtype.kind == "U" else spec.dtype
             nothing = np.empty((0, *(2 for _ in spec.axes[1:])), kind)
@@ -75,6 +78,7 @@ def fix_table(
         origin_latitude=origin.latitude if origin else None,
         origin_longitude=origin.longitude if origin else None,
         statement=statement,
+        **tables,
     )
 
 

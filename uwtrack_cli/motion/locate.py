@@ -21,25 +21,34 @@ from typing import Annotated
 
 import numpy as np
 
+from uwtrack_cli.acoustics.geodesy import Origin
 from uwtrack_cli.constants import NANOSECONDS, SOUND_SPEED_WATER_MPS
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.directions import Delays, Directions
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, checked
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError, UwtrackNote
+from uwtrack_cli.estimation.constant_velocity import carried_on
 from uwtrack_cli.motion.fix_table import FixRows, fix_rows, fix_table
 from uwtrack_cli.motion.fusion.motion_fit import clock_errors
 from uwtrack_cli.motion.fusion.sensor_table import (
     EvenTurn,
     OtherLeg,
     Passages,
+    bearings_of_arrays,
     gather_passages,
 )
+from uwtrack_cli.motion.fusion.time_differences import fit_time_differences
 from uwtrack_cli.motion.fusion.track_to_track import Mode, group_encounters, list_modes
 from uwtrack_cli.motion.options import Probability
 from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, turned_way
 from uwtrack_cli.motion.target_motion.contact import ContactAnswer, analyse_contacts
+from uwtrack_cli.motion.target_motion.contact_pairing import (
+    ContactNumbers,
+    pair_contacts,
+)
 from uwtrack_cli.motion.target_motion.cross_fix import fixes_of_answers
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target_motion.inputs import (
@@ -51,15 +60,18 @@ from uwtrack_cli.motion.target_motion.motion_table import reasons_of
 
 
 @checked
-def locate_vessels(
+def locate_vessels(  # noqa: PLR0913 (five inputs that may be absent)
     encounters: list[Encounters] | None = None,
     sensors: list[Sensor] | None = None,
     series: Series | None = None,
+    directions: list[Directions] | None = None,
+    delays: Delays | None = None,
     *,
     at: list[str] | None = None,
     every_s: Annotated[float | None, Unit("s"), AtLeast(1e-3), AtMost(1e7)] = None,
     until: str | None = None,
     gate_probability: Probability = 0.999,
+    contact_numbers: ContactNumbers = "auto",
 ) -> Fixes:
     """Locate vessels from closest approaches, or from the bearings of several sensors.
 
@@ -75,6 +87,10 @@ def locate_vessels(
         The sensors, found by their identifiers.
     series
         Bearings measured elsewhere, each with its sensor.
+    directions
+        Directions that several arrays heard, where no closest approaches are given.
+    delays
+        Delays between three synchronised recorders or more, each with its place.
     at
         Times of the positions: UTC such as 2026-01-31T12:00:00Z, or seconds from
         the first sample.
@@ -85,6 +101,10 @@ def locate_vessels(
         the last closest approach.
     gate_probability
         Probability that encounters of one vessel are joined.
+    contact_numbers
+        Whose the contact numbers of a table of bearings are: each sensor's own, so that
+        contacts are joined by the evidence of one motion, or common to all sensors;
+        auto is own, but for tables without contacts and files of `export`.
 
     Returns
     -------
@@ -107,6 +127,8 @@ def locate_vessels(
     if until is not None and every_s is None:
         msg = f"until ({until}) needs every_s: the interval of the times."
         raise OptionError(msg)
+    if series is None and not encounters and directions:
+        series = bearings_of_arrays(directions, sensors or [])
     if series is not None:
         if encounters:
             msg = (
@@ -114,11 +136,25 @@ def locate_vessels(
                 "got both."
             )
             raise DataError(msg)
-        return _cross_fixes(series, at, every_s, until)
+        return _cross_fixes(series, at, every_s, until, contact_numbers)
+    if not encounters and delays is not None:
+        return _fixes_of_delays(delays, sensors or [], at, every_s, until)
     if encounters is None:
         msg = "positions need closest approaches, or a table of bearings with sensors."
         raise DataError(msg)
-    passages = gather_passages(encounters, sensors or [])
+    return _fixes_of_passages(
+        gather_passages(encounters, sensors or []), gate_probability, at, every_s, until
+    )
+
+
+def _fixes_of_passages(
+    passages: Passages,
+    gate_probability: float,
+    at: list[str] | None,
+    every_s: float | None,
+    until: str | None,
+) -> Fixes:
+    """Locate vessels by their closest approaches."""
     parts: list[FixRows] = []
     clocks: list[str] = []
     vessel = 0
@@ -131,7 +167,7 @@ def locate_vessels(
                 f"no position for the encounter of sensor {names}: one sensor needs "
                 "a speed and a bearing; give the encounters of more sensors."
             )
-            warnings.warn(msg, UwtrackNote, stacklevel=2)
+            warnings.warn(msg, UwtrackNote, stacklevel=3)
             continue
         vessel += 1
         clocks += _clock_statements(passages, modes[0])
@@ -149,7 +185,11 @@ def locate_vessels(
 
 
 def _cross_fixes(
-    series: Series, at: list[str] | None, every_s: float | None, until: str | None
+    series: Series,
+    at: list[str] | None,
+    every_s: float | None,
+    until: str | None,
+    numbers: ContactNumbers,
 ) -> Fixes:
     """Locate the contacts of a table of sensors, where their range is determined."""
     if series.sensor is None:
@@ -167,6 +207,7 @@ def _cross_fixes(
         sound_speed_mps=SOUND_SPEED_WATER_MPS,
         is_table=True,
     )
+    series, pairings = pair_contacts(series, options, numbers)
     answers: list[tuple[ContactAnswer, FloatArray]] = []
     unplaced: list[str] = []
     for answer in analyse_contacts(measurements_from_series(series), options):
@@ -178,7 +219,42 @@ def _cross_fixes(
         own = answer.data.time_s
         times = fix_times(own[[0, -1]], series.start_utc_ns, at, every_s, until)
         answers.append((answer, times))
-    return fixes_of_answers(answers, series, unplaced)
+    return fixes_of_answers(answers, series, unplaced, pairings)
+
+
+def _fixes_of_delays(
+    delays: Delays,
+    sensors: list[Sensor],
+    at: list[str] | None,
+    every_s: float | None,
+    until: str | None,
+) -> Fixes:
+    """Locate the source of the delays between synchronised recorders."""
+    sensor = next((one for one in sensors if one.id == delays.sensor), None)
+    if sensor is None or delays.clock_std_s is None:
+        msg = (
+            "positions need delays between recorders at several places, measured as "
+            "'uwtrack delays A.wav B.wav C.wav'; those of one array give its directions: "
+            "'uwtrack directions'."
+        )
+        raise DataError(msg)
+    ways = fit_time_differences(delays, sensor)
+    ends = np.array([delays.time_s.min(), delays.time_s.max()])
+    times = fix_times(ends, delays.start_utc_ns, at, every_s, until)
+    origin = None
+    if sensor.latitude is not None and sensor.longitude is not None:
+        origin = Origin(sensor.latitude, sensor.longitude)
+    first = np.array([sensor.east_m or 0.0, sensor.north_m or 0.0, 0.0, 0.0])
+    first = first if origin is None else np.zeros(4)
+    parts = [
+        fix_rows(
+            *carried_on(way.state + first, way.covariance, times), times, contact=1,
+            mode=number, weight=way.weight, sensors=sensor.channels,
+        )
+        for number, way in enumerate(ways, 1)
+    ]  # fmt: skip
+    name = "grid" if origin is None else f"sensor {sensor.channel_names[0]}"
+    return fix_table(parts, delays.start_utc_ns, (name, origin), "")
 
 
 def _clock_statements(passages: Passages, mode: Mode) -> list[str]:

@@ -33,6 +33,10 @@ from uwtrack_cli.motion.options import Misfit, MotionModel, Nuisances, Search
 from uwtrack_cli.motion.passage.fit.nuisances import COMPASS_STD_DEG
 from uwtrack_cli.motion.sound_speed import sound_speed_std
 from uwtrack_cli.motion.target_motion.contact import analyse_contacts
+from uwtrack_cli.motion.target_motion.contact_pairing import (
+    ContactNumbers,
+    pair_contacts,
+)
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target_motion.inputs import (
     Measurements,
@@ -71,6 +75,7 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     course_limits_deg: Annotated[
         tuple[float, float] | None, Unit("degree"), AtLeast(0), AtMost(360)
     ] = None,
+    contact_numbers: ContactNumbers = "auto",
     updates: Annotated[int, AtLeast(1), AtMost(100_000)] = 20,
     seed: Annotated[int, AtLeast(0), AtMost(2**32 - 1)] = 1,
     misfit: Misfit = DEFAULT_MISFIT,
@@ -119,6 +124,10 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     course_limits_deg
         Courses of the first leg that an analyst expects, clockwise from the first to
         the second.
+    contact_numbers
+        Whose the contact numbers of a table of several sensors are: each sensor's own,
+        so that contacts are joined by the evidence of one motion, or common to all
+        sensors; auto is own, but for tables without contacts and files of `export`.
     updates
         Number of estimates over time, of growing parts of the record.
     seed
@@ -190,7 +199,11 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
         prior=_prior(range_limits_m, speed_limits_mps, course_limits_deg),
         compass_std_deg=nuisances.compass_std_deg,
     )
-    return motions_table(analyse_contacts(contacts, analysis), analysis)
+    pairings = None
+    if series is not None and is_of_sensors:
+        series, pairings = pair_contacts(series, analysis, contact_numbers)
+        contacts = measurements_from_series(series)
+    return motions_table(analyse_contacts(contacts, analysis), analysis, pairings)
 
 
 def _prior(

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.draws.buoy_contacts import scene
 from tests.draws.sensor_tables import buoys
 from tests.files.synthetic_containers import synthetic
 from uwtrack_cli.data.motions import Motions
@@ -16,6 +17,7 @@ from uwtrack_cli.files.tables.replay import (
     read_replay_track,
     replay_lines,
 )
+from uwtrack_cli.motion.locate import locate_vessels
 
 REAL = Path(os.environ.get("UWTRACK_REAL_DATA", "/nowhere")) / "debrief"
 POSITION = "700103 013425.000 Frigate @A 26 27 14.91 N 51 21 52.49 E 149.3 12 0\n"
@@ -139,3 +141,18 @@ def test_legs_are_solutions_where_they_begin_as_debrief_reads_them():
         "180.0 5.00 0 leg 2 of 2"
     )
     assert list(replay_lines([], [motions], with_tracks=False)) == []
+
+
+def test_cuts_have_the_contact_to_which_those_of_their_sensors_were_joined(tmp_path):
+    series, _, _ = scene(4100, boats=1, rows=8, miss=0.0, drift_mps=0.0)
+    series = replace(
+        series, start_utc_ns=1_700_000_000_000_000_000, origin_latitude=50.0,
+        origin_longitude=-5.0,
+    )  # fmt: skip
+    found = locate_vessels(series=series, at=["600"])
+    lines = list(replay_lines([series], [found], with_tracks=True))
+    (tmp_path / "a.rep").write_text("\n".join(lines))
+    again = read_replay([tmp_path / "a.rep"])
+    assert again.contact_numbers == "common"
+    assert set(again.contact) == set(found.contact)
+    assert np.unique(series.contact).size > 1

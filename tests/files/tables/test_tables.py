@@ -344,6 +344,8 @@ def test_fix_has_the_documented_keys_and_order():
         "motion_model_probability",
         "alternative_motion_model",
         "reasons",
+        "sensor_contacts",
+        "pairing_probability",
     ]
     assert list(row) == [*documented, *further]
     expected = documented | {"time_utc": None}
@@ -375,7 +377,8 @@ MOTION = """
                "alteration_time_std_s": null}],
      "east_m": 100.0, "north_m": -20.0, "latitude": 35.0, "longitude": 129.0,
      "reference": "b1", "offsets_deg": {"b1": -1.5},
-     "probability_of_rows": [1.0, 0.25]}"""
+     "probability_of_rows": [1.0, 0.25], "sensor_contacts": "b1/2 b2/7",
+     "pairing_probability": 0.75}"""
 
 
 def test_motion_has_the_documented_keys_and_order():

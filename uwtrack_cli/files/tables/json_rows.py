@@ -224,7 +224,8 @@ OBJECTS: dict[str, tuple[Complete, str]] = {
         (
             "contact mode weight time_utc time_s east_m north_m latitude longitude east_std_m "
             "north_std_m covariance_m2 speed_mps course_deg sensors motion_model "
-            "motion_model_probability alternative_motion_model reasons"
+            "motion_model_probability alternative_motion_model reasons sensor_contacts "
+            "pairing_probability"
         ),
     ),
     "motions": (
@@ -237,7 +238,8 @@ OBJECTS: dict[str, tuple[Complete, str]] = {
             "now_range_m now_range_std_m now_bearing_deg now_bearing_std_deg now_speed_mps "
             "now_speed_std_mps now_course_deg now_course_std_deg misfit n_values nuisances "
             "motion_model manoeuvre_time_s manoeuvre_gain manoeuvre_probability legs east_m north_m "
-            "latitude longitude reference offsets_deg probability_of_rows"
+            "latitude longitude reference offsets_deg probability_of_rows sensor_contacts "
+            "pairing_probability"
         ),
     ),
     "presence": (

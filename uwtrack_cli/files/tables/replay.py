@@ -11,14 +11,16 @@ seen from the track that is named. What is not known is NULL or NaN. Ranges (yar
 is estimated without them. Other lines that begin with a semicolon are drawings and
 comments. A DSF file has cuts alone; their places come from the tracks of another file.
 
-Each sensor is a contact of its own, since nobody says which of them heard the same target;
-a text ``contact N``, as `export` writes it, says so; of an ambiguous bearing, whose line has
-no place for its deviation, that text has it.
+Each sensor has one contact, of its own number, since nobody says which of them heard the same
+target; a text ``contact N``, as `export` writes it, says so: these numbers are common to all
+sensors. Of an ambiguous bearing, whose line has no place for its deviation, that text has it.
+A sensor whose name several ships have is called by its ship's name, too.
 
 **References.** Debrief, Replay file format (debrief.info).
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
@@ -212,8 +214,10 @@ def read_replay(paths: Sequence[Path]) -> Series:
         return np.array([cut.values.get(name, np.nan) for cut in cuts])
 
     mirrored = column("mirrored")
+    contact, is_named = _contacts(cuts)
     series = Series(
-        contact=_contacts(cuts),
+        contact=contact,
+        contact_numbers="common" if is_named else "own",
         time_s=np.array([(cut.time_ns - start_ns) / NANOSECONDS for cut in cuts]),
         bearing_deg=column("bearing") % 360.0,
         bearing_std_deg=column("bearing_std"),
@@ -346,18 +350,27 @@ def _unrepeated(cuts: list[_Cut]) -> list[_Cut]:
     return sorted(seen.values(), key=lambda cut: cut.time_ns)
 
 
-def _contacts(cuts: Sequence[_Cut]) -> IntArray:
-    """Return the contact that the cuts name, else one number for each sensor."""
+def _contacts(cuts: Sequence[_Cut]) -> tuple[IntArray, bool]:
+    """Return the contact that the cuts name, else one number for each sensor.
+
+    And whether they name it.
+    """
     named = [CONTACT.fullmatch(cut.text) for cut in cuts]
     if all(named):
-        return np.array([int(match[1]) for match in named if match], np.int64)
-    order = list(dict.fromkeys(cut.sensor for cut in cuts))
-    if len(order) > 1:
-        words = ", ".join(f"{n} is {name}" for n, name in enumerate(order, 1))
-        warn(
-            f"each sensor is a contact of its own: {words}.", UwtrackNote, stacklevel=3
-        )
-    return np.array([1 + order.index(cut.sensor) for cut in cuts], np.int64)
+        return np.array([int(match[1]) for match in named if match], np.int64), True
+    names = _sensors(cuts)
+    order = list(dict.fromkeys(names))
+    return np.array([1 + order.index(name) for name in names], np.int64), False
+
+
+def _sensors(cuts: Sequence[_Cut]) -> list[str]:
+    """Return the sensor of every cut, with its ship's name where several have it."""
+    ships = {(cut.track, cut.sensor) for cut in cuts}
+    count = Counter(sensor for _, sensor in ships)
+    return [
+        cut.sensor if count[cut.sensor] == 1 else f"{cut.track} {cut.sensor}"
+        for cut in cuts
+    ]
 
 
 def _lines(values: FloatArray, heard: FloatArray | None = None) -> FloatArray:
@@ -380,16 +393,22 @@ def _placed(series: Series, cuts: Sequence[_Cut], tracks: dict[str, _Track]) -> 
                 f"are missing: give the REP file that has them, too."
             )
             raise DataError(msg)
+        names = list(dict.fromkeys(_sensors(cuts)))
+        if series.contact_numbers == "own" and len(names) > 1:
+            words = ", ".join(f"{n} is {name}" for n, name in enumerate(names, 1))
+            msg = f"each sensor is a contact of its own: {words}."
+            warn(msg, UwtrackNote, stacklevel=3)
         return series
+    names = _sensors(cuts)
     places = np.array([cut.place or _on_track(cut, tracks) for cut in cuts])
     origin = Origin(*map(float, places[0]))
     east, north = _on_grid(places[:, 0], places[:, 1], origin)
     return replace(
         series,
-        sensor=np.array([cut.sensor for cut in cuts], np.str_),
+        sensor=np.array(names, np.str_),
         sensor_east_m=east,
         sensor_north_m=north,
-        origin=f"sensor {cuts[0].sensor}",
+        origin=f"sensor {names[0]}",
         origin_latitude=origin.latitude,
         origin_longitude=origin.longitude,
     )
@@ -426,14 +445,14 @@ def replay_lines(
 ) -> Iterator[str]:
     """Yield the lines of a REP file, or of a DSF file: cuts alone.
 
-    ``with_tracks``: whether tracks of sensors and vessels are written.
+    ``told`` says which contacts of the sensors were joined. ``with_tracks``: whether tracks of sensors and vessels are written.
 
     Raises
     ------
     DataError
         A time is not known as UTC, or a table has several lines.
     """
-    for one in series:
+    for one in (_as_joined(table, told) for table in series):
         if one.start_utc_ns is None:
             msg = (
                 "REP and DSF need UTC, and the table has seconds alone: give time_utc."
@@ -446,6 +465,23 @@ def replay_lines(
     if with_tracks:
         for each in told:
             yield from _fix_lines(each) if isinstance(each, Fixes) else _leg_lines(each)
+
+
+def _as_joined(series: Series, told: Sequence[Fixes | Motions]) -> Series:
+    """Return a table with the contacts to which those of its sensors were joined."""
+    contact = series.contact.copy()
+    for one in told:
+        columns = (one.pairing_contact, one.pairing_sensor, one.pairing_number)
+        target, sensor, number = columns
+        share = one.pairing_share
+        if target is None or sensor is None or number is None or share is None:
+            continue
+        names = np.empty(0, np.str_) if series.sensor is None else series.sensor
+        for k in np.argsort(share, kind="stable"):  # the likeliest comes last
+            is_meant = (names == sensor[k]) & (series.contact == number[k])
+            contact[is_meant] = target[k]
+        return replace(series, contact=contact)
+    return series
 
 
 def _latitudes(series: Series) -> tuple[FloatArray, FloatArray] | None:

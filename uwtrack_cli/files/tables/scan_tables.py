@@ -34,8 +34,8 @@ def table_readers(
     ``sensors``: those that a table may name in its rows.
     """
     return {
-        "delays": read_delays,
         "series": partial(read_series, sensors=sensors),
+        "delays": read_delays,
         "scans": read_scans,
         "contacts": read_contacts,
         "navigation": read_navigation,

@@ -77,7 +77,13 @@ def read_series(path: Path | str, *, sensors: Sequence[Sensor] | None = None) ->
     _remark_on_radians(table, values["bearing_deg"])
     values["mirrored_bearing_deg"] = _mirrored(table, values)
     values["bearing_deg"] = values["bearing_deg"] % 360.0
-    series = Series(**values, where=table.where)
+    series = Series(
+        **values,
+        contact_numbers="own"
+        if "contact" in table or "sensor" not in table
+        else "common",
+        where=table.where,
+    )
     _check_one_unit(table, series)
     return series if "sensor" not in table else _placed(series, table, sensors)
 

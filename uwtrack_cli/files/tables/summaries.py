@@ -110,6 +110,8 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
         Head("speed m/s", "speed_mps", 2),
         Head("course deg", "course_deg", 1),
         Head("motion model", "motion_model", usual="moving"),
+        Head("joined", "sensor_contacts"),
+        Head("joined P", "pairing_probability", 2),
     ),
     "presence": (
         Head("sensor", "sensor"),
@@ -135,6 +137,8 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
         Head("course deg", "course_deg", 1, "course_std_deg"),
         Head("motion model", "motion_model", usual="straight"),
         Head("observable", "observable"),
+        Head("joined", "sensor_contacts"),
+        Head("joined P", "pairing_probability", 2),
     ),
 }
 """Columns of the summary by the name of the container."""
@@ -150,8 +154,17 @@ SPARE: dict[str, tuple[str, ...]] = {
         "passage",
         "status",
     ),
-    "fixes": ("east m", "north m", "weight", "mode", "speed m/s", "course deg"),
-    "motions": ("weight", "mode", "observable"),
+    "fixes": (
+        "east m",
+        "north m",
+        "weight",
+        "mode",
+        "joined",
+        "joined P",
+        "speed m/s",
+        "course deg",
+    ),
+    "motions": ("weight", "mode", "observable", "joined", "joined P"),
     "presence": (
         "sensor",
         "level dB",

@@ -100,12 +100,17 @@ def _kml(containers: list[Container], name: str) -> str:
 
 
 def _rep(containers: list[Container], name: str) -> str:
-    told = [c for c in containers if isinstance(c, Fixes | Motions)]
-    return _replay(replay_lines(_series(containers), told, with_tracks=True), name)
+    lines = replay_lines(_series(containers), _told(containers), with_tracks=True)
+    return _replay(lines, name)
 
 
 def _dsf(containers: list[Container], name: str) -> str:
-    return _replay(replay_lines(_series(containers), [], with_tracks=False), name)
+    lines = replay_lines(_series(containers), _told(containers), with_tracks=False)
+    return _replay(lines, name)
+
+
+def _told(containers: list[Container]) -> list[Fixes | Motions]:
+    return [c for c in containers if isinstance(c, Fixes | Motions)]
 
 
 def _series(containers: list[Container]) -> list[Series]:

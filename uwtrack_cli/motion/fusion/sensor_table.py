@@ -14,10 +14,13 @@ import numpy as np
 from uwtrack_cli.acoustics.geodesy import Origin, to_grid
 from uwtrack_cli.constants import NANOSECONDS, SOURCE_DEPTH_M
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.directions import Directions
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.motion.fusion.motion_fit import Approaches
+from uwtrack_cli.motion.passage.model.direction_bearings import bearing_series
 
 CLOCK_STD_S = 5.0
 """Deviation of the clocks of several recorders where none is given, s."""
@@ -238,6 +241,12 @@ def _other_turn(encounters: Encounters, row: int) -> float:
     return float(encounters.ambiguity_weight[rows].sum())
 
 
+SOME_STARTS = (
+    "some recordings have a start time and some have none: give all of them one "
+    "(--start-utc or --time-pattern), or none."
+)
+
+
 def _start_utc_ns(encounters: list[Encounters]) -> int | None:
     starts = [
         int(item.time_utc_ns[row]) - round(float(item.time_s[row]) * NANOSECONDS)
@@ -251,11 +260,7 @@ def _start_utc_ns(encounters: list[Encounters]) -> int | None:
         for row in range(item.time_s.size)
     )
     if starts and unknown:
-        msg = (
-            "some recordings have a start time and some have none: give all of them "
-            "one (--start-utc or --time-pattern), or none."
-        )
-        raise DataError(msg)
+        raise DataError(SOME_STARTS)
     return min(starts) if starts else None
 
 
@@ -327,3 +332,76 @@ def _stack(parts: list[Approaches]) -> Approaches:
         np.empty(0), np.empty(0), np.empty(0), np.empty((0, 2)),
     )  # fmt: skip
     return Approaches.join(parts or [none])
+
+
+def bearings_of_arrays(directions: list[Directions], sensors: list[Sensor]) -> Series:
+    """Return the directions that arrays at several places heard, as one table.
+
+    Every source that an array follows is a contact of its own number there.
+
+    Raises
+    ------
+    DataError
+        An array has no place, cannot tell one side from the other, or some recordings
+        have a start time and others none.
+    """
+    known = {sensor.id: sensor for sensor in sensors}
+    names = [one.sensor for one in directions]
+    grid = make_grid(sensors, set(names))
+    sides = [one.sensor for one in directions if one.ambiguity == "plane"]
+    if sides:
+        msg = (
+            f"array {sides[0]} does not tell one side of its plane from the other: its "
+            f"directions are not joined with those of others."
+        )
+        raise DataError(msg)
+    starts = [one.start_utc_ns for one in directions]
+    told = [start for start in starts if start is not None]
+    if told and len(told) < len(starts):
+        raise DataError(SOME_STARTS)
+    first = min(told) if told else None
+    parts = []
+    for one in directions:
+        heard = bearing_series(one)
+        if heard.start_utc_ns is not None and first is not None:
+            late_s = (heard.start_utc_ns - first) / NANOSECONDS
+            heard = replace(heard, time_s=heard.time_s + late_s, start_utc_ns=first)
+        east, north = _way_of(known[one.sensor], heard) if one.sensor in known else (
+            np.zeros((2, heard.time_s.size)))  # fmt: skip
+        place = grid.place[one.sensor]
+        parts.append(
+            replace(
+                heard,
+                sensor=np.full(heard.time_s.size, one.sensor),
+                sensor_east_m=place[0] + east,
+                sensor_north_m=place[1] + north,
+            )
+        )
+    used = [known.get(name, Sensor(id=name)) for name in dict.fromkeys(names)]
+    return replace(
+        Series.join(parts),
+        sensor_id=np.array([one.id for one in used], np.str_),
+        sensor_compass_std_deg=np.array([_or_nan(s.compass_std_deg) for s in used]),
+        sensor_position_std_m=np.array([_or_nan(s.position_std_m) for s in used]),
+        origin=grid.name,
+        origin_latitude=grid.origin.latitude if grid.origin else None,
+        origin_longitude=grid.origin.longitude if grid.origin else None,
+    )
+
+
+def _or_nan(value: float | None) -> float:
+    return np.nan if value is None else value
+
+
+def _way_of(sensor: Sensor, heard: Series) -> tuple[FloatArray, FloatArray]:
+    """Return where a sensor was at its rows, m from where its grid begins."""
+    way = sensor.navigation
+    if way is None:
+        return np.zeros(heard.time_s.size), np.zeros(heard.time_s.size)
+    time = way.time_s
+    if way.start_utc_ns is not None and heard.start_utc_ns is not None:
+        time = time + (way.start_utc_ns - heard.start_utc_ns) / NANOSECONDS
+    return (
+        np.interp(heard.time_s, time, way.east_m),
+        np.interp(heard.time_s, time, way.north_m),
+    )

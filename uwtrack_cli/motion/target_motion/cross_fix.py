@@ -24,6 +24,7 @@ from uwtrack_cli.data.series import Series
 from uwtrack_cli.estimation.constant_velocity import carried_on
 from uwtrack_cli.motion.fix_table import FixRows, fix_rows, fix_table
 from uwtrack_cli.motion.target_motion.contact import ContactAnswer
+from uwtrack_cli.motion.target_motion.contact_pairing import Pairings
 from uwtrack_cli.motion.target_motion.inputs import Platforms
 from uwtrack_cli.motion.target_motion.model import state_at, state_jacobian
 from uwtrack_cli.motion.target_motion.modes import ModeAnswer
@@ -63,18 +64,27 @@ def fixes_of_answers(
     answers: Sequence[tuple[ContactAnswer, FloatArray]],
     series: Series,
     unplaced: Sequence[str] = (),
+    pairings: Pairings | None = None,
 ) -> Fixes:
     """Return the places of all contacts and modes at their times, s.
 
-    ``unplaced`` says why other contacts of the table have no position, in sentences.
+    ``unplaced`` says why other contacts of the table have no position, in sentences;
+    ``pairings`` which contacts of the sensors were joined.
     """
-    statements = list(unplaced)
+    statements = [] if pairings is None else [pairings.statement]
+    statements += unplaced
     parts: list[FixRows] = []
     for answer, times in answers:
         own = [
             _at_times(answer, n, mode, times) for n, mode in enumerate(answer.modes, 1)
         ]
         kept = [part for part in own if part is not None]
+        if pairings is not None:
+            for part in kept:
+                said = pairings.columns_of(
+                    np.repeat(answer.data.contact, len(part["time_s"]))
+                )
+                part.update(said)
         if not kept:
             statements.append(NO_REGION.format(answer.data.contact))
         parts += kept
@@ -84,7 +94,7 @@ def fixes_of_answers(
         origin = Origin(latitude, longitude)
     return fix_table(
         parts, series.start_utc_ns, (series.origin, origin), " ".join(statements),
-        has_readings=True,
+        **({} if pairings is None else pairings.table()),
     )  # fmt: skip
 
 

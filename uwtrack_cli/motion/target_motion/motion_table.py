@@ -11,6 +11,7 @@ from uwtrack_cli.data.base import FloatArray, flatten, reason_columns
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.target_motion.contact import ContactAnswer
+from uwtrack_cli.motion.target_motion.contact_pairing import Pairings
 from uwtrack_cli.motion.target_motion.cross_fix import grid_state
 from uwtrack_cli.motion.target_motion.model import to_motion
 from uwtrack_cli.motion.target_motion.modes import Interval, ModeAnswer, TmaOptions
@@ -21,6 +22,9 @@ LARGEST_LOG_RANGE_STD = 1.0
 
 MOTION = ("range_m", "bearing_deg", "speed_mps", "course_deg")
 NOW = tuple(f"now_{name}" for name in MOTION)
+
+PAIRED = ("sensor_contacts", "pairing_probability")
+"""Columns of what was joined across sensors."""
 
 WHOLE_CIRCLE_DEG = 359.9
 """Width from which an interval of the course is the whole circle."""
@@ -231,8 +235,12 @@ SENSORS_STATEMENT = (
 )
 
 
-def motions_table(answers: list[ContactAnswer], options: TmaOptions) -> Motions:
-    """Gather the answers of all contacts."""
+def motions_table(
+    answers: list[ContactAnswer],
+    options: TmaOptions,
+    pairings: Pairings | None = None,
+) -> Motions:
+    """Gather the answers of all contacts, and which contacts of sensors were joined."""
     rows = [
         _row(answer, mode, number)
         for answer in answers
@@ -242,8 +250,10 @@ def motions_table(answers: list[ContactAnswer], options: TmaOptions) -> Motions:
     columns = {
         name: _column(name, [row[name] for row in rows])
         for name, spec in Motions.columns().items()
-        if spec.axes[0] == "motion"
+        if spec.axes[0] == "motion" and name not in PAIRED
     }
+    if pairings is not None:
+        columns |= pairings.columns_of(columns["contact"]) | pairings.table()
     return Motions(
         **columns,
         **_rest_table(answers, reasons),
@@ -258,19 +268,23 @@ def motions_table(answers: list[ContactAnswer], options: TmaOptions) -> Motions:
         doppler=options.model.doppler,
         propagation="delayed" if options.delayed else "instant",
         sound_speed_mps=options.sound_speed_mps,
-        statement=_statement(answers, options),
+        statement=_statement(answers, options, pairings),
     )
 
 
-def _statement(answers: list[ContactAnswer], options: TmaOptions) -> str:
+def _statement(
+    answers: list[ContactAnswer], options: TmaOptions, pairings: Pairings | None
+) -> str:
     """Say what no residual reveals: bearings that cross need no sound speed."""
+    joined = [] if pairings is None else [pairings.statement]
     crossing = [
         answer.data.platforms is not None and not answer.data.line_id.size
         for answer in answers
     ]
     if answers and all(crossing):
-        return " ".join([SENSORS_STATEMENT, *_expected(options.prior)])
-    words, own = [STATEMENT.format(speed=options.sound_speed_mps)], options.nuisances
+        return " ".join([*joined, SENSORS_STATEMENT, *_expected(options.prior)])
+    words = [*joined, STATEMENT.format(speed=options.sound_speed_mps)]
+    own = options.nuisances
     words += _expected(options.prior)
     if own.is_usual_navigation and not any(crossing):
         words.append(
