@@ -42,9 +42,10 @@ FOUR = np.arange(4)
 """Coefficients of a cubic spline that make a value."""
 
 
-ROW_ORDER = 4
-"""Order of the polynomial over log frequency that a row has of its own: level, slope, and
-what rain, a squall or the vessel's own spectrum bend within some octaves."""
+ROW_ORDER, FREE_ORDER = 4, 1
+"""Order of the polynomial over log frequency that a row has of its own, and up to which it
+is free: level and slope. What rain, a squall or the vessel's own spectrum bend within some
+octaves beside them has the prior variance `Panel.bend`."""
 
 
 class Hypothesis(NamedTuple):
@@ -103,6 +104,16 @@ def smooth_courses(weight: FloatArray) -> FloatArray:
     )
     unit = np.linalg.qr(bent * np.sqrt(weight)[:, None])[0]
     return np.asarray(unit.T / np.sqrt(weight))
+
+
+def course_shares(bend: float) -> FloatArray:
+    """Return which share of each smooth course a row is taken to have of its own.
+
+    ``bend``: prior variance of those that are not free, over that of noise.
+    """
+    share = np.full(ROW_ORDER + 1, bend / (1.0 + bend))
+    share[: FREE_ORDER + 1] = 1.0
+    return share
 
 
 class Shape(NamedTuple):
@@ -251,17 +262,24 @@ class FringeModel:
         self._weight = panel.precision
         self._cells = np.arange(self._weight.size, dtype=float)
         self._line = smooth_courses(self._weight)
-        self._value = self._free(panel.value.astype(float))
-        self._square = float((self._value**2 * self._weight).sum())
-        independent = self._value.size - self._line.shape[0] * len(self._value)
+        self._share = course_shares(panel.bend)
+        self._given = panel.value - panel.value.mean(axis=0, dtype=float)
+        self._value = self._free(self._given)
+        self._square = float((self._given * self._value * self._weight).sum())
+        n_rows = len(self._value)
+        independent = self._value.size - (FREE_ORDER + 1) * n_rows
         self._logs = 0.5 * (
-            len(self._value) * float(np.log(self._weight).sum())
+            n_rows * float(np.log(self._weight).sum())
             - independent * float(np.log(2.0 * np.pi))
+            - (n_rows - 1) * (ROW_ORDER - FREE_ORDER) * float(np.log1p(panel.bend))
         )
 
     def _free(self, values: FloatArray) -> FloatArray:
-        """Take the smooth course of each row off, and what stays in each cell."""
-        part = (values * self._weight) @ self._line.T
+        """Take what is likely the course of each row off, and what stays in each cell.
+
+        A product of this with what it was taken from is one of both free of it.
+        """
+        part = (values * self._weight) @ self._line.T * self._share
         values = values - part @ self._line
         return np.asarray(values - values.mean(axis=-2, keepdims=True))
 
@@ -292,6 +310,16 @@ class FringeModel:
             solved.log_likelihood, parts, lowest, contrast,
             self._value - self._free(whole),
         )  # fmt: skip
+
+    def along(self, pattern: FloatArray) -> tuple[FloatArray, float]:
+        """Return what rows tell of how much each has of a pattern in place.
+
+        Its measurement times its precision, shape (row,), and that precision.
+        """
+        heavy = pattern * self._weight
+        smooth = self._line @ heavy
+        told = float(pattern @ heavy - self._share @ smooth**2)
+        return self._value @ heavy, told
 
     def step(
         self, passage: Hypothesis, precision: FloatArray, mean: FloatArray
@@ -342,7 +370,7 @@ class FringeModel:
             [np.full(s.size, 1.0 / t.variance)
              for s, t in zip(splines, self.templates, strict=True)]
         )  # fmt: skip
-        bent, value = None, self._value
+        bent, value, given = None, self._value, self._given
         offset: FloatArray = np.zeros(0)
         images = np.zeros((0, *value.shape))
         if self.shape is not None:
@@ -354,13 +382,14 @@ class FringeModel:
                 images = np.concatenate([images, bent.slopes[free]])
                 asked = precision[free]
                 offset = asked * mean[free]
-            images = self._free(images)
-            value = value - SATURATION[0] * images[0]
+            value = value - SATURATION[0] * self._free(images[0])
+            given = given - SATURATION[0] * images[0]
             own = np.full(len(value), CONTRAST_STD**-2.0)
             prior = np.concatenate([prior, own, [SATURATION[1] ** -2.0], asked])
         normal, right = self._normal(splines, bent, images, value)
         right[right.size - offset.size :] += offset
-        told, root, unknowns = self._integrated(normal, right, prior, value)
+        square = float((given * value * self._weight).sum())
+        told, root, unknowns = self._integrated(normal, right, prior, square)
         return _Solved(told, root, unknowns, splines, bent)
 
     def of_variances(
@@ -370,7 +399,7 @@ class FringeModel:
         normal, right, _ = self.information(passage)
         return [
             self._integrated(
-                normal.copy(), right, np.full(right.size, 1.0 / each), self._value
+                normal.copy(), right, np.full(right.size, 1.0 / each), self._square
             )[0]
             for each in variances
         ]  # fmt: skip
@@ -392,15 +421,17 @@ class FringeModel:
 
     def _integrated(
         self, normal: FloatArray, right: FloatArray, prior: FloatArray,
-        value: FloatArray,
+        square: float,
     ) -> tuple[float, FloatArray, FloatArray]:  # fmt: skip
-        """Return log-likelihood, root of the precision, and the likeliest unknowns."""
+        """Return log-likelihood, root of the precision, and the likeliest unknowns.
+
+        ``square``: of the values, in deviations.
+        """
         place = np.arange(right.size)
         normal[place, place] += prior
         root = np.linalg.cholesky(normal)
         half = _solve(root, right)
         log_det = 2.0 * np.log(np.diag(root)).sum() - np.log(prior).sum()
-        square = float((value**2 * self._weight).sum())
         told = self._logs - 0.5 * (square - float(half @ half) + float(log_det))
         return told, root, _solve(root, half, upper=True)
 
@@ -411,7 +442,7 @@ class FringeModel:
         """Return normal matrix and right side, free of the courses and the cells.
 
         Of all coefficients, the contrast of each row where something is ``bent``, and
-        images that are free of courses and cells already.
+        ``images``. ``value``: free of courses and cells already.
         """
         n_rows, n_cells = value.shape
         starts = np.cumsum([0, *(spline.size for spline in splines)]).tolist()
@@ -454,13 +485,16 @@ class FringeModel:
             right[count:held] = (heavy * value).sum(axis=1)
             stays[:, count:] = heavy.T
             courses[:, own, count + own] = (heavy @ self._line.T).T
-            normal[held:, count:held] = (images * heavy).sum(axis=2)
+        freed = self._free(images)
+        if bent is not None:
+            normal[held:, count:held] = (freed * heavy).sum(axis=2)
+        courses *= np.sqrt(self._share)[:, None, None]
         both, flat = courses.sum(axis=1), courses.reshape(-1, held)
         stays /= np.sqrt(n_rows * self._weight)[:, None]
         normal[:held, :held] += both.T @ both / n_rows - flat.T @ flat - stays.T @ stays
-        for k, image in enumerate(images, held):
-            normal[k, :count] = whole(image)
-            normal[k, held:] = np.tensordot(images, image * self._weight, 2)
+        for k, (image, own_freed) in enumerate(zip(images, freed, strict=True), held):
+            normal[k, :count] = whole(own_freed)
+            normal[k, held:] = np.tensordot(images, own_freed * self._weight, 2)
             right[k] = (image * self._weight * value).sum()
         normal[:held, held:] = normal[held:, :held].T
         return normal, right

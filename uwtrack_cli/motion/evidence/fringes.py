@@ -35,6 +35,7 @@ from uwtrack_cli.motion.evidence.fringe_lines import (
 )
 from uwtrack_cli.motion.evidence.fringe_mirror import Mirror, mirror_of
 from uwtrack_cli.motion.evidence.fringe_panel import (
+    ANY_BEND,
     FEWEST_ROWS,
     Panel,
     panel_of,
@@ -46,6 +47,7 @@ from uwtrack_cli.motion.evidence.fringe_template import (
     Shape,
     Template,
     contrast_of,
+    course_shares,
     pattern_in,
     shift_of,
     smooth_courses,
@@ -178,9 +180,10 @@ def flattened(panel: Panel) -> FloatArray:
     For proposals alone: what is taken off here takes some of a pattern with it.
     """
     courses = smooth_courses(panel.precision)
+    share = course_shares(panel.bend)[:, None]
     value = panel.value - np.median(panel.value, axis=0)
     for _ in range(2):
-        value = value - ((value * panel.precision) @ courses.T) @ courses
+        value = value - ((value * panel.precision) @ courses.T) @ (share * courses)
         value = value - value.mean(axis=0)
     return np.asarray(value)
 
@@ -215,11 +218,10 @@ class _Leftovers(NamedTuple):
         own = FringeModel(self.panel, model.templates, shape).log_likelihood(passages)
         if not self.known:
             return own
-        course, its = _likeliest_still(self.panel, shown.residual)
-        still = (_still(self.panel, course), its)
-        model, passages = self._model([(one, prior), still])
+        still = _likeliest_still(self.panel._replace(value=shown.residual))
+        model, passages = self._model([(one, prior), (still.course, still.prior)])
         model = FringeModel(self.panel, model.templates, shape)
-        return max(own, model.log_likelihood(passages))
+        return max(own, model.log_likelihood(passages) + still.share)
 
     def _model(
         self, asked: list[tuple[Hypothesis, Template]]
@@ -327,6 +329,9 @@ class FringeEvidence:
 FIT_ROWS, FIT_REACH, FIT_CELLS = 10.0, 6.0, 2
 """Rows of R/v, R/v on either side and neighbouring cells that the fit takes together."""
 
+BENDS = (0.1, 1.0, 10.0, 100.0, 1e3, ANY_BEND)
+"""Variances of what rows bend by that are tried, over that of noise."""
+
 KNOTS = (1.5, 3.0, 6.0)
 """Distances of a template's knots that are tried, in the fit's cells."""
 
@@ -387,6 +392,12 @@ the first ones are wrong by, while it is still there, speaks against it."""
 LEFT_ORDER = 2
 """Order of the contrast, along the rows, of what a known passage leaves of itself."""
 
+CORRELATIONS = (0.0, 0.7, 0.95, 0.99)
+"""Correlations of its course from row to row that are tried."""
+
+COURSE_VARIANCES = (1e-4, 1e-3, 0.01, 0.1, 1.0)
+"""Variances of it that are tried, over the square of the largest."""
+
 STILL_VARIANCES = (0.01, 0.1, 1.0)
 """Variances of what rises and falls in place, nepers^2."""
 
@@ -415,6 +426,8 @@ class FringePassage:
     """Of its time and range over speed, shape (2, 2)."""
     gain: float
     """Nepers over an image without a pattern."""
+    density: float
+    """Log of the prior density of its unknowns over the largest, nepers."""
     rival: str
     """Code of the strongest explanation in which nothing passes."""
     rival_gain: float
@@ -455,7 +468,7 @@ class FringePassage:
         more = (self.gain - self.rival_gain) / self.misfit
         # shapes of one pattern on one course: what the sea does besides is in both
         shape = self.rival_pattern / self.misfit
-        return float(PRIOR_LOG_ODDS + more / self.scale - shape)
+        return float(PRIOR_LOG_ODDS + self.density + more / self.scale - shape)
 
     @property
     def probability(self) -> float:
@@ -473,6 +486,8 @@ class _Fitted(NamedTuple):
     """Precision of each before, shape (unknown,); infinite where it is held."""
     log_likelihood: float
     """Log of the probability of the image there, nepers."""
+    log_density: float
+    """Log of the prior density there over the largest, nepers."""
     log_share: float
     """Log of the prior probability of what agrees with the image, nepers."""
     model: FringeModel
@@ -575,10 +590,11 @@ def _climbed(
         return None
     is_asked = np.diag(covariance) > 0.0
     log_det = float(np.linalg.slogdet(covariance[np.ix_(is_asked, is_asked)])[1])
-    share = law.log_density(here) + 0.5 * log_det
+    density = law.log_density(here)
+    share = density + 0.5 * log_det
     share -= float(np.log(law.deviation[is_asked]).sum())
     told = rows.log_likelihood([here])
-    return _Fitted(here, covariance, law.precision, told, share, rows)
+    return _Fitted(here, covariance, law.precision, told, density, share, rows)
 
 
 def _rows_about(
@@ -599,7 +615,11 @@ def _rows_about(
 
 
 def _about(panel: Panel, template: Template, passage: Hypothesis) -> FringeModel:
-    """Return the image about the likeliest pattern of a passage."""
+    """Return the image about the likeliest pattern of a passage, as rows bend in it."""
+    told = [panel._replace(bend=each) for each in BENDS]
+    panel = max(
+        told, key=lambda one: FringeModel(one, [template]).log_likelihood([passage])
+    )
     shown = FringeModel(panel, [template]).explain([passage])
     return FringeModel(panel, [template], Shape(shown.pattern[0], shown.lowest[0]))
 
@@ -668,8 +688,8 @@ def _weighed(
     slope = np.array([scale_s, width_s])
     one = FringePassage(
         middle, both * np.outer(slope, slope), mirror.passage,
-        mirror.covariance_with(misfit) * scale_s**2, likelihood - nothing, "",
-        -np.inf, 0.0, model.templates[0], found, own_contrast, taken.pattern, misfit,
+        mirror.covariance_with(misfit) * scale_s**2, likelihood - nothing,
+        fitted.log_density, "", -np.inf, 0.0, model.templates[0], found, own_contrast, taken.pattern, misfit,
         model.panel,
     )  # fmt: skip
     for code, other, pattern in _rivals(model, found, rest):
@@ -761,13 +781,14 @@ def _rivals(
     Code, likelihood, and what the shape of the pattern gains over any shape.
     """
     panel = model.panel
-    course, prior = _likeliest_still(panel, flattened(panel))
-    still, bent = _still(panel, course), _still(panel, np.square(course))
-    yield STAYS, rest.beside([(still, prior)]), 0.0
+    still = _likeliest_still(panel)
+    one = still.course, still.prior
+    yield STAYS, rest.beside([one]) + still.share, 0.0
     # rain adds power: where its logarithm bends, the square of its course is there, too
+    bent = _still(panel, np.square(contrast_of(panel.time_s, still.course)))
     for variance in STILL_VARIANCES:
-        bending = bent, Template(prior.knots, variance)
-        yield STAYS, rest.beside([(still, prior), bending]), 0.0
+        bending = bent, Template(still.prior.knots, variance)
+        yield STAYS, rest.beside([one, bending]) + still.share, 0.0
     upside = [
         found._replace(invariant=-1.0, time_s=found.time_s + k * found.width_s)
         for k in (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -802,13 +823,76 @@ def _still(panel: Panel, course: FloatArray) -> Hypothesis:
     return Hypothesis(0.0, 1.0, 0.0, course=(panel.time_s, course))
 
 
-def _likeliest_still(panel: Panel, value: FloatArray) -> tuple[FloatArray, Template]:
-    """Return the course, and its pattern's prior, that explain values best in place."""
-    course = np.linalg.svd(value * np.sqrt(panel.precision), full_matrices=False)[0]
-    shape = course[:, 0] / np.abs(course[:, 0]).max()
-    still = _still(panel, shape)
-    rest = panel._replace(value=value)
-    return shape, _likeliest_template(rest, still, KNOTS[:2], STILL_VARIANCES)
+class _LikeliestStill(NamedTuple):
+    """A pattern that rises and falls in place, as it explains rows best."""
+
+    course: Hypothesis
+    """How it rises and falls."""
+    prior: Template
+    """Of its pattern."""
+    share: float
+    """Log of the prior probability of courses that agree with the rows, nepers."""
+
+
+def _likeliest_still(panel: Panel) -> _LikeliestStill:
+    """Return what explains rows best in place.
+
+    Its course is that of the level, as of rain, or any; what it deviates by is a normal
+    process whose variance and correlation from row to row are found from the rows, so that
+    a course that follows noise gains nothing.
+    """
+    value = flattened(panel) * np.sqrt(panel.precision)
+    course = np.linalg.svd(value, full_matrices=False)[0]
+    level = (panel.value - np.median(panel.value, axis=0)) @ panel.precision
+    starts = [course[:, 0], level - np.quantile(level, 0.1)]
+    found = []
+    for start in starts:
+        own = start / np.abs(start).max()
+        still = _still(panel, own)
+        prior = _likeliest_template(panel, still, KNOTS[:2], STILL_VARIANCES)
+        model = FringeModel(panel, [prior])
+        pattern = model.explain([still]).pattern[0]
+        row = int(np.argmax(np.abs(own)))
+        shape = pattern_in(panel, still, prior, pattern, panel)[row] / own[row]
+        heard, told = model.along(shape)
+        square = float((own**2).mean())
+        usual, variances = np.zeros(own.size), (square,)
+        if start is starts[1]:
+            usual, variances = own, tuple(k * square for k in COURSE_VARIANCES)
+        off = heard - told * (usual - usual.mean())
+        gain, share, by = max(_process(off, told, variances), key=lambda each: each[0])
+        one = _still(panel, usual + by)
+        likely = model.log_likelihood([one]) + share
+        found.append((likely, _LikeliestStill(one, prior, share)))
+    return max(found, key=lambda each: each[0])[1]
+
+
+def _process(
+    heard: FloatArray, told: float, variances: Sequence[float]
+) -> Iterator[tuple[float, float, FloatArray]]:
+    """Yield what normal processes gain, the log of their prior share, and their mean.
+
+    ``heard``: measurements times their precision. ``told``: that precision.
+    """
+    for correlation in CORRELATIONS:
+        value, axes = np.linalg.eigh(_precision_of(heard.size, correlation))
+        part = heard @ axes
+        for variance in variances:
+            before = value / variance
+            mean = part / (before + told)
+            share = 0.5 * float(np.log(before / (before + told)).sum())
+            share -= 0.5 * float(before @ mean**2)
+            gain = float(part @ mean - 0.5 * told * mean @ mean) + share
+            yield gain, share, axes @ mean
+
+
+def _precision_of(count: int, correlation: float) -> FloatArray:
+    """Return the precision of a process of unit variance whose neighbours correlate."""
+    own = np.full(count, 1.0 + correlation**2)
+    own[[0, -1]] = 1.0
+    beside = np.full(count - 1, -correlation)
+    total = np.diag(own) + np.diag(beside, 1) + np.diag(beside, -1)
+    return np.asarray(total / (1.0 - correlation**2))
 
 
 STRETCH_S = 3600.0
