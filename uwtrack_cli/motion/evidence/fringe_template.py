@@ -26,9 +26,10 @@ from uwtrack_cli.motion.evidence.fringe_panel import Panel
 
 UNKNOWNS = {
     "time_s": 1e-3, "width_s": 1e-3, "fading": 1e-2, "invariant": 1e-3, "mach": 1e-4,
+    "tilt": 1e-2,
 }  # fmt: skip
 """What is asked of a passage, with a small step of each: time in R/v, logarithms of R/v
-and of the fading, the invariant, and speed over that of sound."""
+and of the fading, the invariant, speed over that of sound, and the tilt."""
 
 CONTRAST_STD = 0.35
 """Deviation of a row's own contrast, as a share: a sea that swings by 1.5 dB hides more or
@@ -37,6 +38,10 @@ less of the pattern."""
 SATURATION = (1.0, 0.5)
 """What the logarithm of vessel and sea bends by, over half of what that of a vessel which
 has one ratio to the sea in all cells does; and its deviation."""
+
+OWN_BEND = 0.5
+"""Deviation of what the spectrum of a vessel bends by over that of the sea, beside level and
+slope, nepers: it rises and falls with her, in place."""
 
 FOUR = np.arange(4)
 """Coefficients of a cubic spline that make a value."""
@@ -61,6 +66,9 @@ class Hypothesis(NamedTuple):
     """How the contrast falls: by 1 / (1 + fading ((t - t0) / w)^2)."""
     mach: float = 0.0037
     """Speed over that of sound."""
+    tilt: float = 0.0
+    """How the logarithm of the contrast grows with that of frequency: a vessel's spectrum
+    slopes otherwise than the sea's, and where she is fainter, so is the pattern."""
     course: tuple[FloatArray, FloatArray] | None = None
     """Contrast at times, s, instead of one that fades; None for that of a passage."""
     swing: tuple[FloatArray, FloatArray] | None = None
@@ -194,9 +202,12 @@ class _Spline(NamedTuple):
 
 def _spline(
     time_s: FloatArray, cells: FloatArray, cell: float, knots: float,
-    passage: Hypothesis, lowest: int | None = None,
+    passage: Hypothesis, count: int, lowest: int | None = None,
 ) -> _Spline:  # fmt: skip
-    """Return the cubic spline of a template in the cells of each row."""
+    """Return the cubic spline of a template in the cells of each row.
+
+    ``count``: cells of the band, about whose middle a pattern is tilted.
+    """
     shift = shift_of(time_s, passage) / cell
     place = (cells - shift[:, None]) / knots
     low = int(np.floor(place.min())) - 1 if lowest is None else lowest
@@ -209,6 +220,7 @@ def _spline(
          2.0 / 3.0 - y * y * (1.0 - 0.5 * y), x**3 / 6.0], axis=2,
     )  # fmt: skip
     weight *= contrast_of(time_s, passage)[:, None, None]
+    weight *= np.exp(passage.tilt * (cell * (cells - 0.5 * count)))[:, None]
     return _Spline(whole - 1, weight, int(whole.max()) + 3, low)
 
 
@@ -229,6 +241,10 @@ def _bent(panel: Panel, template: Template, passage: Hypothesis, shape: Shape) -
     slope = 0.5 * (d * x * x - a * y * y)
     slope += b * x * (1.5 * x - 2.0) - c * y * (1.5 * y - 2.0)
     slope /= -panel.cell * template.knots
+    # a pattern that is tilted is one in its place
+    above = panel.cell * (cells - 0.5 * cells.size)
+    grown = np.exp(passage.tilt * above)
+    height, slope = height * grown, slope * grown
     contrast = contrast_of(panel.time_s, passage)
     moved, faded = [], []
     for name, step in UNKNOWNS.items():
@@ -240,6 +256,7 @@ def _bent(panel: Panel, template: Template, passage: Hypothesis, shape: Shape) -
         faded.append((up - down) / step)
     slopes = (contrast * np.array(moved))[:, :, None] * slope
     slopes += np.array(faded)[:, :, None] * height
+    slopes[list(UNKNOWNS).index("tilt")] = contrast[:, None] * height * above
     extra = (0.5 * contrast * (1.0 - contrast))[:, None] * height**2
     return _Bent(contrast[:, None] * height, extra, slopes)
 
@@ -301,15 +318,29 @@ class FringeModel:
             parts.append(pattern[at : at + spline.size])
             whole += spline.values(parts[-1])
             at += spline.size
-        contrast = pattern[at : at + len(self._value)]
+        contrast: FloatArray = np.zeros(0)
         if solved.bent is not None:
+            contrast = pattern[at : at + len(self._value)]
+            at += contrast.size
             whole += contrast[:, None] * solved.bent.shown
             whole += (SATURATION[0] + pattern[-1]) * solved.bent.saturated
+        if passages:
+            own = self._spectrum(passages[0])
+            whole += np.tensordot(pattern[at : at + len(own)], own, 1)
         lowest = [spline.lowest for spline in solved.splines]
         return Explained(
             solved.log_likelihood, parts, lowest, contrast,
             self._value - self._free(whole),
         )  # fmt: skip
+
+    def _spectrum(self, passage: Hypothesis) -> FloatArray:
+        """Return what a vessel's spectrum may bend rows by, shape (order, row, cell).
+
+        In parts of unit prior variance.
+        """
+        bent = self._line[FREE_ORDER + 1 :, None, :]
+        own = contrast_of(self.panel.time_s, passage)[None, :, None]
+        return np.asarray(OWN_BEND * np.sqrt(self._weight.sum()) * own * bent)
 
     def along(self, pattern: FloatArray) -> tuple[FloatArray, float]:
         """Return what rows tell of how much each has of a pattern in place.
@@ -360,7 +391,14 @@ class FringeModel:
         """
         places = zip(passages, self.templates, strict=True)
         splines = [
-            _spline(self.panel.time_s, self._cells, self.panel.cell, t.knots, p)
+            _spline(
+                self.panel.time_s,
+                self._cells,
+                self.panel.cell,
+                t.knots,
+                p,
+                self._cells.size,
+            )
             for p, t in places
         ]
         if not splines:
@@ -372,20 +410,25 @@ class FringeModel:
         )  # fmt: skip
         bent, value, given = None, self._value, self._given
         offset: FloatArray = np.zeros(0)
-        images = np.zeros((0, *value.shape))
-        if self.shape is not None:
+        images = self._spectrum(passages[0])
+        spectrum = np.ones(len(images))
+        if self.shape is None:
+            prior = np.concatenate([prior, spectrum])
+        else:
             bent = _bent(self.panel, self.templates[0], passages[0], self.shape)
-            images = bent.saturated[None]
+            images = np.concatenate([images, bent.saturated[None]])
             asked: FloatArray = np.zeros(0)
             if precision is not None and mean is not None:
                 free = np.isfinite(precision)
                 images = np.concatenate([images, bent.slopes[free]])
                 asked = precision[free]
                 offset = asked * mean[free]
-            value = value - SATURATION[0] * self._free(images[0])
-            given = given - SATURATION[0] * images[0]
+            value = value - SATURATION[0] * self._free(bent.saturated)
+            given = given - SATURATION[0] * bent.saturated
             own = np.full(len(value), CONTRAST_STD**-2.0)
-            prior = np.concatenate([prior, own, [SATURATION[1] ** -2.0], asked])
+            prior = np.concatenate(
+                [prior, own, spectrum, [SATURATION[1] ** -2.0], asked]
+            )
         normal, right = self._normal(splines, bent, images, value)
         right[right.size - offset.size :] += offset
         square = float((given * value * self._weight).sum())
@@ -413,11 +456,24 @@ class FringeModel:
         """
         (template,) = self.templates
         spline = _spline(
-            self.panel.time_s, self._cells, self.panel.cell, template.knots, passage
+            self.panel.time_s,
+            self._cells,
+            self.panel.cell,
+            template.knots,
+            passage,
+            self._cells.size,
         )
-        nothing = np.zeros((0, *self._value.shape))
+        own = self._spectrum(passage)
+        normal, right = self._normal([spline], None, own, self._value)
+        # what of it a spectrum in place may be tells nothing
+        at = slice(spline.size, None)
+        known = normal[at, at] + np.eye(len(own))
+        gain = np.linalg.solve(known, normal[at, : at.start]).T
         place = template.knots * (spline.lowest + np.arange(spline.size))
-        return *self._normal([spline], None, nothing, self._value), place
+        return (
+            normal[: at.start, : at.start] - gain @ normal[at, : at.start],
+            right[: at.start] - gain @ right[at], place,
+        )  # fmt: skip
 
     def _integrated(
         self, normal: FloatArray, right: FloatArray, prior: FloatArray,
@@ -553,10 +609,14 @@ def pattern_in(
     panel has shown.
     """
     cells = np.arange(model.precision.size, dtype=float)
-    low = _spline(model.time_s, cells, model.cell, template.knots, passage).lowest
+    low = _spline(
+        model.time_s, cells, model.cell, template.knots, passage, cells.size
+    ).lowest
     finer = panel.cell / model.cell
     places = (np.arange(panel.precision.size) + 0.5) * finer - 0.5
-    spline = _spline(panel.time_s, places, model.cell, template.knots, passage, low)
+    spline = _spline(
+        panel.time_s, places, model.cell, template.knots, passage, cells.size, low
+    )
     padded = np.concatenate([np.zeros(8), pattern, np.zeros(8)])
     first = np.clip(spline.first + 8, 4, padded.size - 5)
     return spline._replace(first=first).values(padded)

@@ -30,6 +30,7 @@ from uwtrack_cli.data.fringes import Fringes
 from uwtrack_cli.motion.association import PassageReport, same_vessel
 from uwtrack_cli.motion.evidence.fringe_lines import (
     LINE_KNOTS,
+    course_share,
     likeliest_course,
     lines_gain,
 )
@@ -242,6 +243,7 @@ class FringeEvidence:
         self.fringes, self.mach = fringes, mach
         self._known: list[FringePassage] = []
         self._stacks: dict[int, _Stack | None] = {}
+        self._proposals: list[Proposal] | None = None
 
     def leftovers(self, panel: Panel) -> "_Leftovers":
         """Return what the known passages may have left of themselves in some rows."""
@@ -288,6 +290,11 @@ class FringeEvidence:
 
     def proposals(self) -> list[Proposal]:
         """Return the likeliest passage of each R/v, the likeliest first."""
+        if self._proposals is None:
+            self._proposals = self._proposed()
+        return self._proposals
+
+    def _proposed(self) -> list[Proposal]:
         time_s = self.fringes.time_s
         if time_s.size < FEWEST_ROWS:
             return []
@@ -338,6 +345,10 @@ KNOTS = (1.5, 3.0, 6.0)
 FADING_PRIOR = (float(np.log(USUAL_FADING)), 0.7)
 """Mean and deviation of the logarithm of the fading: from noise alone to no noise."""
 
+TILT = 0.33
+"""Deviation of the slope of a vessel's spectrum from that of the sea, nepers by the
+logarithm of frequency: 1 dB per octave."""
+
 INVARIANT_PRIOR = (1.1, 0.25)
 """Mean and deviation of the invariant of a waveguide."""
 
@@ -349,7 +360,7 @@ CHANNEL_LONGER, CHANNEL_WIDTH = 0.023, 0.012
 sensor that lies deeper, and so farther; mean and deviation
 (studies/constants/fringe_water.py)."""
 
-LARGEST_STEP = np.array([0.15, 0.15, 1.0, 0.2, 1.0])
+LARGEST_STEP = np.array([0.15, 0.15, 1.0, 0.2, 1.0, 0.3])
 """What a step of the fit changes each of `UNKNOWNS` by at most."""
 
 WIDEST_STEP = 1.0
@@ -370,7 +381,8 @@ better one explains, since neither is all that the sea does
 (tests/draws/fringe_rates.py)."""
 
 PRIOR_LOG_ODDS = -9.0
-"""Log of the rate of passages over that of sounds whose tempered evidence is as good."""
+"""Log of the rate of passages over that of sounds whose tempered evidence is as good. A
+vessel that passes outside the recording is as usual as one that passes inside."""
 
 LEAST_GAIN = 20.0
 """Gain of a proposal, nepers, from which it is fitted: rows in random order have 6 at
@@ -434,6 +446,8 @@ class FringePassage:
     """What that gains with a pattern of any shape."""
     rival_pattern: float
     """What the shape that it says gains over any shape, nepers."""
+    rival_prior: float
+    """Log of its prior probability over that of a passage."""
     template: Template
     """Prior of its pattern."""
     fitted: Hypothesis
@@ -468,7 +482,7 @@ class FringePassage:
         more = (self.gain - self.rival_gain) / self.misfit
         # shapes of one pattern on one course: what the sea does besides is in both
         shape = self.rival_pattern / self.misfit
-        return float(PRIOR_LOG_ODDS + self.density + more / self.scale - shape)
+        return float(self.density - self.rival_prior + more / self.scale - shape)
 
     @property
     def probability(self) -> float:
@@ -517,13 +531,16 @@ class _Law(NamedTuple):
         """Return the law of a mirror or of a waveguide."""
         invariant = (1.0, 0.0) if is_mirror else INVARIANT_PRIOR
         unknown = (np.nan, WIDEST_STEP)
-        each = np.array([unknown, unknown, FADING_PRIOR, invariant, mach])
+        tilt = (0.0, TILT)
+        each = np.array([unknown, unknown, FADING_PRIOR, invariant, mach, tilt])
         return cls(each[:, 0], each[:, 1])
 
     def off(self, passage: Hypothesis) -> FloatArray:
         """Return by how much the mean of each is above a passage's."""
         fading = float(np.log(passage.fading))
-        own = np.array([0.0, 0.0, fading, passage.invariant, passage.mach])
+        own = np.array(
+            [0.0, 0.0, fading, passage.invariant, passage.mach, passage.tilt]
+        )
         return np.where(np.isfinite(self.mean), self.mean - own, 0.0)
 
     @property
@@ -689,13 +706,14 @@ def _weighed(
     one = FringePassage(
         middle, both * np.outer(slope, slope), mirror.passage,
         mirror.covariance_with(misfit) * scale_s**2, likelihood - nothing,
-        fitted.log_density, "", -np.inf, 0.0, model.templates[0], found, own_contrast, taken.pattern, misfit,
+        fitted.log_density, "", -np.inf, 0.0, 0.0, model.templates[0], found, own_contrast, taken.pattern, misfit,
         model.panel,
     )  # fmt: skip
-    for code, other, pattern in _rivals(model, found, rest):
+    for other in _rivals(evidence, fitted, rest, misfit * one.scale):
         rival = replace(
-            one, rival=code, rival_gain=other - nothing, rival_pattern=pattern
-        )
+            one, rival=other.code, rival_gain=other.log_likelihood - nothing,
+            rival_pattern=other.pattern, rival_prior=other.log_prior,
+        )  # fmt: skip
         one = min(one, rival, key=lambda each: each.log_odds)
         if one.log_odds < PERHAPS:  # it is refused, whatever else there is
             break
@@ -773,49 +791,89 @@ def _misfit(residual: FloatArray, precision: FloatArray) -> float:
     return max(total, 1.0) * max(usual, 1.0)
 
 
+class _Rival(NamedTuple):
+    """An explanation in which nothing passes."""
+
+    code: str
+    """What it is."""
+    log_likelihood: float
+    """Of the image, nepers."""
+    pattern: float = 0.0
+    """What the shape of its pattern gains over any shape, nepers."""
+    log_prior: float = -PRIOR_LOG_ODDS
+    """Log of its prior probability over that of a passage."""
+
+
 def _rivals(
-    model: FringeModel, found: Hypothesis, rest: _Leftovers
-) -> Iterator[tuple[str, float, float]]:
+    evidence: FringeEvidence, fitted: _Fitted, rest: _Leftovers, divisor: float
+) -> Iterator[_Rival]:
     """Yield explanations in which nothing passes.
 
-    Code, likelihood, and what the shape of the pattern gains over any shape.
+    ``divisor``: what log-likelihoods are divided by.
     """
-    panel = model.panel
+    model, found = fitted.model, fitted.passage
+    panel, own = model.panel, model.templates[0]
     still = _likeliest_still(panel)
     one = still.course, still.prior
-    yield STAYS, rest.beside([one]) + still.share, 0.0
+    yield _Rival(STAYS, rest.beside([one]) + still.share)
     # rain adds power: where its logarithm bends, the square of its course is there, too
     bent = _still(panel, np.square(contrast_of(panel.time_s, still.course)))
     for variance in STILL_VARIANCES:
         bending = bent, Template(still.prior.knots, variance)
-        yield STAYS, rest.beside([one, bending]) + still.share, 0.0
+        yield _Rival(STAYS, rest.beside([one, bending]) + still.share)
     upside = [
         found._replace(invariant=-1.0, time_s=found.time_s + k * found.width_s)
         for k in (-1.0, -0.5, 0.0, 0.5, 1.0)
     ]
+    alone = FringeModel(panel, [own])
+    best = max(upside, key=lambda each: alone.log_likelihood([each]))
+    yield _Rival(UPSIDE_DOWN, rest.moving(best, own))
     first, last = float(panel.time_s[0]), float(panel.time_s[-1])
     even = (panel.time_s, np.ones(panel.time_s.size))
     away = [
-        Hypothesis(place, 1.0, 1.0, course=even)
+        Hypothesis(place, 1.0, 1.0, course=even, tilt=found.tilt)
         for share in AWAY
         for place in (first - share * (last - first), last + share * (last - first))
     ]
-    own = model.templates[0]
-    alone = FringeModel(panel, [own])
-    for code, tried in ((UPSIDE_DOWN, upside), (OUTSIDE_ALONE, away)):
-        best = max(tried, key=lambda one: alone.log_likelihood([one]))
-        yield code, rest.moving(best, own), 0.0
+    best = max(away, key=lambda each: alone.log_likelihood([each]))
+    yield _Rival(OUTSIDE_ALONE, rest.moving(best, own), log_prior=0.0)
+    for passage in _passing_outside(evidence, fitted):
+        yield _Rival(OUTSIDE_ALONE, rest.moving(passage, own), log_prior=0.0)
     swing = likeliest_course(
         panel, flattened(panel), shift_of(panel.time_s, found),
         contrast_of(panel.time_s, found), max(VARIANCES),
     )  # fmt: skip
-    machine = Hypothesis(0.0, 1.0, course=even, swing=(panel.time_s, swing))
+    machine = Hypothesis(
+        0.0, 1.0, course=even, swing=(panel.time_s, swing), tilt=found.tilt
+    )
     # as fine as lines are, too: fringes of many images of a loud vessel are no wider
     own = _likeliest_template(panel, machine, (LINE_KNOTS, *KNOTS), VARIANCES)
     free = FringeModel(panel, [own]).log_likelihood([machine])
     pattern = lines_gain(panel, machine) - free
     pattern += FringeModel(panel, []).log_likelihood([])
-    yield MOVING_LINES, rest.moving(machine, own), pattern
+    share = course_share(panel, machine, own, divisor)
+    likely = rest.moving(machine, own)
+    yield _Rival(MOVING_LINES, likely, pattern, share - PRIOR_LOG_ODDS)
+
+
+def _passing_outside(evidence: FringeEvidence, fitted: _Fitted) -> Iterator[Hypothesis]:
+    """Yield passages outside the recording that the same rows may be of."""
+    every = evidence.proposals()
+    far = [
+        one for one in every
+        if not evidence.is_inside(np.array(one.time_s), one.width_s)
+        and one.gain > ALIKE * every[0].gain
+    ]  # fmt: skip
+    law = _Law.of(evidence.mach, is_mirror=True)
+    for one in far[:1]:
+        start = fitted.passage._replace(
+            time_s=one.time_s, width_s=one.width_s, invariant=1.0
+        )
+        told = _climbed(evidence, start, law, fitted.model)
+        if told is not None:
+            passage = told.passage
+            if not evidence.is_inside(np.array(passage.time_s), passage.width_s):
+                yield passage
 
 
 def _still(panel: Panel, course: FloatArray) -> Hypothesis:
