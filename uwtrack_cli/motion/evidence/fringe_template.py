@@ -39,7 +39,7 @@ SATURATION = (1.0, 0.5)
 """What the logarithm of vessel and sea bends by, over half of what that of a vessel which
 has one ratio to the sea in all cells does; and its deviation."""
 
-OWN_BEND = 0.5
+OWN_BEND = 0.1
 """Deviation of what the spectrum of a vessel bends by over that of the sea, beside level and
 slope, nepers: it rises and falls with her, in place."""
 

@@ -345,9 +345,9 @@ KNOTS = (1.5, 3.0, 6.0)
 FADING_PRIOR = (float(np.log(USUAL_FADING)), 0.7)
 """Mean and deviation of the logarithm of the fading: from noise alone to no noise."""
 
-TILT = 0.33
+TILT = 0.2
 """Deviation of the slope of a vessel's spectrum from that of the sea, nepers by the
-logarithm of frequency: 1 dB per octave."""
+logarithm of frequency: 0.6 dB per octave."""
 
 INVARIANT_PRIOR = (1.1, 0.25)
 """Mean and deviation of the invariant of a waveguide."""
@@ -366,6 +366,10 @@ LARGEST_STEP = np.array([0.15, 0.15, 1.0, 0.2, 1.0, 0.3])
 WIDEST_STEP = 1.0
 """Deviation of a step of the time, in R/v, and of the logarithm of R/v: so wide that it only
 counts where nothing is seen of them."""
+
+PROFILED, LEAST_BEND = 1.5, 0.1
+"""Deviations to either side at which the log-likelihood is asked for its curvature, and
+least curvature, over that of the last step."""
 
 MOST_STEPS, CLOSE = 12, 0.1
 """Steps at most, and deviations of a step of time and R/v that is the last."""
@@ -574,7 +578,7 @@ def fit_passage(
         told = _climbed(evidence, told.passage, mirror, model) or told
     channel = _Law.of(evidence.mach, is_mirror=False)
     free = _climbed(evidence, told.passage, channel, told.model) or told
-    return _weighed(evidence, told, free)
+    return _weighed(evidence, _profiled(told, mirror), _profiled(free, channel))
 
 
 def _climbed(
@@ -597,14 +601,19 @@ def _climbed(
         by, covariance, shape = rows.step(here, law.precision, law.off(here))
         deviation = np.sqrt(np.diag(covariance))
         share = min(1.0, *(LARGEST_STEP / np.maximum(np.abs(by), 1e-9)))
-        for name, one in zip(UNKNOWNS, by * share, strict=True):
-            size = one * here.width_s if name == "time_s" else one
-            here = here.changed(name, float(size))
+        here = _moved(here, by * share)
         rows = FringeModel(rows.panel, rows.templates, shape)
         if np.max(np.abs(by[:2]) / deviation[:2]) < CLOSE:
             break
     if rows is None:
         return None
+    return _fitted(here, covariance, law, rows)
+
+
+def _fitted(
+    here: Hypothesis, covariance: FloatArray, law: _Law, rows: FringeModel
+) -> _Fitted:
+    """Return a passage with its evidence."""
     is_asked = np.diag(covariance) > 0.0
     log_det = float(np.linalg.slogdet(covariance[np.ix_(is_asked, is_asked)])[1])
     density = law.log_density(here)
@@ -612,6 +621,42 @@ def _climbed(
     share -= float(np.log(law.deviation[is_asked]).sum())
     told = rows.log_likelihood([here])
     return _Fitted(here, covariance, law.precision, told, density, share, rows)
+
+
+def _moved(passage: Hypothesis, by: FloatArray) -> Hypothesis:
+    """Return a passage with its unknowns changed; its time in R/v."""
+    for name, one in zip(UNKNOWNS, by, strict=True):
+        size = one * passage.width_s if name == "time_s" else one
+        passage = passage.changed(name, float(size))
+    return passage
+
+
+def _profiled(fitted: _Fitted, law: _Law) -> _Fitted:
+    """Return a fit whose time and R/v have the curvature of the log-likelihood itself.
+
+    A step of Gauss and Newton takes what noise leaves in the pattern for a part of it,
+    whose bends tell time and R/v, too. As either moves, the others follow as the fit has
+    them, and the pattern and the rows' contrasts are found again.
+    """
+    model, here = fitted.model, fitted.passage
+    covariance = fitted.covariance
+
+    def told(passage: Hypothesis) -> float:
+        rows = _shaped(model.panel, model.templates[0], passage)
+        return rows.log_likelihood([passage]) + law.log_density(passage)
+
+    middle = told(here)
+    shift, wider = np.zeros(len(UNKNOWNS)), np.ones(len(UNKNOWNS))
+    for k in range(2):
+        variance = float(covariance[k, k])
+        by = PROFILED * covariance[:, k] / np.sqrt(variance)
+        low, high = (told(_moved(here, sign * by)) for sign in (-1.0, 1.0))
+        bend = max(2.0 * middle - low - high, LEAST_BEND * PROFILED**2)
+        wider[k] = PROFILED / np.sqrt(bend)
+        shift += by * float(np.clip(0.5 * (high - low) / bend, -1.0, 1.0))
+    here = _moved(here, shift)
+    rows = _shaped(model.panel, model.templates[0], here)
+    return _fitted(here, covariance * np.outer(wider, wider), law, rows)
 
 
 def _rows_about(
@@ -637,6 +682,11 @@ def _about(panel: Panel, template: Template, passage: Hypothesis) -> FringeModel
     panel = max(
         told, key=lambda one: FringeModel(one, [template]).log_likelihood([passage])
     )
+    return _shaped(panel, template, passage)
+
+
+def _shaped(panel: Panel, template: Template, passage: Hypothesis) -> FringeModel:
+    """Return the image about the likeliest pattern of a passage."""
     shown = FringeModel(panel, [template]).explain([passage])
     return FringeModel(panel, [template], Shape(shown.pattern[0], shown.lowest[0]))
 
