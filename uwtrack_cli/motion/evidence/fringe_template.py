@@ -530,24 +530,30 @@ class FringeModel:
         stays = np.zeros((n_cells, held))
         each = np.bincount(cell, weighted.ravel(), n_cells * count)
         stays[:, :count] = each.reshape(n_cells, count)
-        courses = np.zeros((self._line.shape[0], n_rows, held))
-        for told, line in zip(courses, self._line, strict=True):
-            told[:, :count] = by_row(line)
+        root = np.sqrt(self._share)[:, None]
+        line = root * self._line
+        courses = np.array([by_row(one) for one in line])
+        both = np.zeros((len(line), held))
+        both[:, :count] = courses.sum(axis=1)
         if bent is not None:
             heavy, own = bent.shown * self._weight, np.arange(n_rows)
             normal[count:held, :count] = by_row(bent.shown)
-            normal[:count, count:held] = normal[count:held, :count].T
-            normal[count + own, count + own] = (heavy * bent.shown).sum(axis=1)
+            each = line @ heavy.T
+            both[:, count:] = each
+            square = (heavy * bent.shown).sum(axis=1) - (each**2).sum(axis=0)
+            normal[count + own, count + own] = square
+            # a row's course is its own: what it has of the pattern in that row alone
+            normal[count:held, :count] -= (each[:, :, None] * courses).sum(axis=0)
             right[count:held] = (heavy * value).sum(axis=1)
             stays[:, count:] = heavy.T
-            courses[:, own, count + own] = (heavy @ self._line.T).T
         freed = self._free(images)
         if bent is not None:
             normal[held:, count:held] = (freed * heavy).sum(axis=2)
-        courses *= np.sqrt(self._share)[:, None, None]
-        both, flat = courses.sum(axis=1), courses.reshape(-1, held)
+            normal[:count, count:held] = normal[count:held, :count].T
+        flat = courses.reshape(-1, count)
+        normal[:count, :count] -= flat.T @ flat
         stays /= np.sqrt(n_rows * self._weight)[:, None]
-        normal[:held, :held] += both.T @ both / n_rows - flat.T @ flat - stays.T @ stays
+        normal[:held, :held] += both.T @ both / n_rows - stays.T @ stays
         for k, (image, own_freed) in enumerate(zip(images, freed, strict=True), held):
             normal[k, :count] = whole(own_freed)
             normal[k, held:] = np.tensordot(images, own_freed * self._weight, 2)

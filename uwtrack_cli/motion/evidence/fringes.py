@@ -244,6 +244,7 @@ class FringeEvidence:
         self._known: list[FringePassage] = []
         self._stacks: dict[int, _Stack | None] = {}
         self._proposals: list[Proposal] | None = None
+        self._panels: dict[tuple[int, int], Panel | None] = {}
 
     def leftovers(self, panel: Panel) -> "_Leftovers":
         """Return what the known passages may have left of themselves in some rows."""
@@ -259,7 +260,7 @@ class FringeEvidence:
     def explained(self, known: Sequence["FringePassage"]) -> "FringeEvidence":
         """Return the evidence of what some passages leave."""
         rest = FringeEvidence(self.fringes, self.mach)
-        rest._known = list(known)
+        rest._known, rest._panels = list(known), self._panels
         return rest
 
     def panel(self, step_s: float, cells: int = 1) -> Panel | None:
@@ -268,7 +269,11 @@ class FringeEvidence:
         ``step_s``: time that a row is averaged over; less where that leaves few rows.
         """
         span_s = self.fringes.time_s.size * self.fringes.average_s
-        panel = panel_of(self.fringes, min(step_s, span_s / LEAST_ROWS), cells)
+        step_s = min(step_s, span_s / LEAST_ROWS)
+        key = int(step_s / self.fringes.average_s + 1e-6), cells
+        if key not in self._panels:  # averages are asked for again and again
+            self._panels[key] = panel_of(self.fringes, step_s, cells)
+        panel = self._panels[key]
         if panel is None:
             return None
         for one in self._known:
@@ -336,7 +341,7 @@ class FringeEvidence:
 FIT_ROWS, FIT_REACH, FIT_CELLS = 10.0, 6.0, 2
 """Rows of R/v, R/v on either side and neighbouring cells that the fit takes together."""
 
-BENDS = (0.1, 1.0, 10.0, 100.0, 1e3, ANY_BEND)
+BENDS = (0.1, 3.0, 100.0, ANY_BEND)
 """Variances of what rows bend by that are tried, over that of noise."""
 
 KNOTS = (1.5, 3.0, 6.0)
@@ -351,6 +356,9 @@ logarithm of frequency: 0.6 dB per octave."""
 
 INVARIANT_PRIOR = (1.1, 0.25)
 """Mean and deviation of the invariant of a waveguide."""
+
+COUNTS = 0.05
+"""Probability from which the deviations of a waveguide are worked out."""
 
 BROAD_SHARE = 0.5
 """Prior probability that the invariant is not that of a mirror."""
@@ -578,7 +586,7 @@ def fit_passage(
         told = _climbed(evidence, told.passage, mirror, model) or told
     channel = _Law.of(evidence.mach, is_mirror=False)
     free = _climbed(evidence, told.passage, channel, told.model) or told
-    return _weighed(evidence, _profiled(told, mirror), _profiled(free, channel))
+    return _weighed(evidence, _profiled(told, mirror), free)
 
 
 def _climbed(
@@ -645,7 +653,7 @@ def _profiled(fitted: _Fitted, law: _Law) -> _Fitted:
         rows = _shaped(model.panel, model.templates[0], passage)
         return rows.log_likelihood([passage]) + law.log_density(passage)
 
-    middle = told(here)
+    middle = fitted.log_likelihood + fitted.log_density
     shift, wider = np.zeros(len(UNKNOWNS)), np.ones(len(UNKNOWNS))
     for k in range(2):
         variance = float(covariance[k, k])
@@ -672,8 +680,10 @@ def _rows_about(
     panel = panel.near(here.time_s, FIT_REACH * here.width_s)
     if panel.time_s.size < FEWEST_ROWS:
         return None
-    template = model.templates[0] if model else _best_template(panel, here)
-    return _about(panel, template, here)
+    if model:
+        panel = panel._replace(bend=model.panel.bend)
+        return _shaped(panel, model.templates[0], here)
+    return _about(panel, _best_template(panel, here), here)
 
 
 def _about(panel: Panel, template: Template, passage: Hypothesis) -> FringeModel:
@@ -728,6 +738,8 @@ def _weighed(
     odds += channel.log_share - mirror.log_share
     odds += np.log(BROAD_SHARE / (1.0 - BROAD_SHARE))
     share = float(1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0))))
+    if share > COUNTS:
+        channel = _profiled(channel, _Law.of(evidence.mach, is_mirror=False))
     fitted = channel if share > 0.5 else mirror
     found, model = fitted.passage, fitted.model
     # both in times of the mirror's R/v
