@@ -341,7 +341,7 @@ class FringeEvidence:
 FIT_ROWS, FIT_REACH, FIT_CELLS = 10.0, 6.0, 2
 """Rows of R/v, R/v on either side and neighbouring cells that the fit takes together."""
 
-BENDS = (0.1, 3.0, 100.0, ANY_BEND)
+BENDS = (0.1, 1.0, 10.0, 100.0, 1e3, ANY_BEND)
 """Variances of what rows bend by that are tried, over that of noise."""
 
 KNOTS = (1.5, 3.0, 6.0)
@@ -877,12 +877,17 @@ def _rivals(
     panel, own = model.panel, model.templates[0]
     still = _likeliest_still(panel)
     one = still.course, still.prior
-    yield _Rival(STAYS, rest.beside([one]) + still.share)
+    # rows may bend otherwise where nothing passes
+    own_bend = [_Leftovers(panel._replace(bend=each), rest.known) for each in BENDS]
+    likely, in_place = max(
+        ((each.beside([one]), each) for each in own_bend), key=lambda each: each[0]
+    )
+    yield _Rival(STAYS, likely + still.share)
     # rain adds power: where its logarithm bends, the square of its course is there, too
     bent = _still(panel, np.square(contrast_of(panel.time_s, still.course)))
     for variance in STILL_VARIANCES:
         bending = bent, Template(still.prior.knots, variance)
-        yield _Rival(STAYS, rest.beside([one, bending]) + still.share)
+        yield _Rival(STAYS, in_place.beside([one, bending]) + still.share)
     upside = [
         found._replace(invariant=-1.0, time_s=found.time_s + k * found.width_s)
         for k in (-1.0, -0.5, 0.0, 0.5, 1.0)
