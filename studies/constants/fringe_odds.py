@@ -25,7 +25,7 @@ SHOWN = 6
 
 def log_odds(image: Fringes) -> float:
     """Return the log odds of the likeliest passage without the prior; nan without one."""
-    one = fringes._likeliest_fit(fringes.FringeEvidence(image, MACH))
+    one = fringes.likeliest_fit(fringes.FringeEvidence(image, MACH))
     if one is None or one.rival == fringes.OUTSIDE_ALONE:
         return float("nan")
     return one.log_odds - fringes.PRIOR_LOG_ODDS

@@ -80,8 +80,13 @@ def test_a_later_recording_has_its_passage_later():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "seed"),
-    [("rain", 21), ("throttle", 21), ("leaving ship", 21), ("swinging machine", 7194),
-     ("leaving ship", 9094)],
+    [
+        ("rain", 21),
+        ("throttle", 21),
+        ("leaving ship", 21),
+        ("swinging machine", 7194),
+        ("leaving ship", 9094),
+    ],
 )
 def test_nothing_is_told_where_nothing_passes(kind, seed):
     assert fringe_passages(draw_nothing(kind, seed), MACH) == []

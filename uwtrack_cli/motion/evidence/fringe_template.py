@@ -530,20 +530,19 @@ class FringeModel:
         stays = np.zeros((n_cells, held))
         each = np.bincount(cell, weighted.ravel(), n_cells * count)
         stays[:, :count] = each.reshape(n_cells, count)
-        root = np.sqrt(self._share)[:, None]
-        line = root * self._line
+        line = np.sqrt(self._share)[:, None] * self._line
         courses = np.array([by_row(one) for one in line])
         both = np.zeros((len(line), held))
         both[:, :count] = courses.sum(axis=1)
         if bent is not None:
             heavy, own = bent.shown * self._weight, np.arange(n_rows)
             normal[count:held, :count] = by_row(bent.shown)
-            each = line @ heavy.T
-            both[:, count:] = each
-            square = (heavy * bent.shown).sum(axis=1) - (each**2).sum(axis=0)
+            told = line @ heavy.T
+            both[:, count:] = told
+            square = (heavy * bent.shown).sum(axis=1) - (told**2).sum(axis=0)
             normal[count + own, count + own] = square
             # a row's course is its own: what it has of the pattern in that row alone
-            normal[count:held, :count] -= (each[:, :, None] * courses).sum(axis=0)
+            normal[count:held, :count] -= (told[:, :, None] * courses).sum(axis=0)
             right[count:held] = (heavy * value).sum(axis=1)
             stays[:, count:] = heavy.T
         freed = self._free(images)

@@ -363,10 +363,11 @@ COUNTS = 0.05
 BROAD_SHARE = 0.5
 """Prior probability that the invariant is not that of a mirror."""
 
-CHANNEL_LONGER, CHANNEL_WIDTH = 0.023, 0.012
+CHANNEL_LONGER, CHANNEL_WIDTH = 0.023, 0.017
 """By how much images in a bottom make the logarithm of R/v longer: they are those of a
 sensor that lies deeper, and so farther; mean and deviation
-(studies/constants/fringe_water.py)."""
+(studies/constants/fringe_water.py). It goes with the inverse square of the range, which
+fringes do not tell."""
 
 LARGEST_STEP = np.array([0.15, 0.15, 1.0, 0.2, 1.0, 0.3])
 """What a step of the fit changes each of `UNKNOWNS` by at most."""
@@ -981,11 +982,11 @@ def _likeliest_still(panel: Panel) -> _LikeliestStill:
         shape = pattern_in(panel, still, prior, pattern, panel)[row] / own[row]
         heard, told = model.along(shape)
         square = float((own**2).mean())
-        usual, variances = np.zeros(own.size), (square,)
-        if start is starts[1]:
-            usual, variances = own, tuple(k * square for k in COURSE_VARIANCES)
+        is_level = start is starts[1]
+        usual = own if is_level else np.zeros(own.size)
+        variances = square * np.array(COURSE_VARIANCES if is_level else (1.0,))
         off = heard - told * (usual - usual.mean())
-        gain, share, by = max(_process(off, told, variances), key=lambda each: each[0])
+        _, share, by = max(_process(off, told, variances), key=lambda each: each[0])
         one = _still(panel, usual + by)
         likely = model.log_likelihood([one]) + share
         found.append((likely, _LikeliestStill(one, prior, share)))
@@ -993,7 +994,7 @@ def _likeliest_still(panel: Panel) -> _LikeliestStill:
 
 
 def _process(
-    heard: FloatArray, told: float, variances: Sequence[float]
+    heard: FloatArray, told: float, variances: FloatArray
 ) -> Iterator[tuple[float, float, FloatArray]]:
     """Yield what normal processes gain, the log of their prior share, and their mean.
 
@@ -1093,7 +1094,7 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
     known: list[FringePassage] = []
     for _ in range(MOST_PASSAGES):
         rest = evidence.explained(known)
-        one = _likeliest_fit(rest)
+        one = likeliest_fit(rest)
         if one is None or one.log_odds < (PERHAPS if known else 0.0):
             break
         known.append(one)
@@ -1113,7 +1114,7 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
     return vessels
 
 
-def _likeliest_fit(evidence: FringeEvidence) -> FringePassage | None:
+def likeliest_fit(evidence: FringeEvidence) -> FringePassage | None:
     """Return the likeliest passage; None if there is none.
 
     Far from its closest approach a vessel fixes little but its bend, and where patterns
