@@ -67,10 +67,6 @@ class Panel(NamedTuple):
         rows = np.abs(self.time_s - time_s) <= reach_s
         return self._replace(time_s=self.time_s[rows], value=self.value[rows])
 
-    def shuffled(self, rng: np.random.Generator) -> "Panel":
-        """Return the same rows in another order."""
-        return self._replace(value=rng.permutation(self.value))
-
 
 def panel_of(fringes: Fringes, step_s: float, cells: int = 1) -> Panel | None:
     """Return the panel of rows and cells averaged in power; None where it is too small.

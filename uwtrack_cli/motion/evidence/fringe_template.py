@@ -304,10 +304,6 @@ class FringeModel:
         """Return the log of the probability density of the image, nepers."""
         return self._solved(passages).log_likelihood
 
-    def residuals(self, passages: Sequence[Hypothesis]) -> FloatArray:
-        """Return what passages leave, in standard deviations, shape (row, cell)."""
-        return self.explain(passages).residual * np.sqrt(self._weight)
-
     def explain(self, passages: Sequence[Hypothesis]) -> Explained:
         """Return the likeliest patterns, and what they leave."""
         solved = self._solved(passages)

@@ -6,7 +6,7 @@ and noise gains nothing, since the template has a prior. *Fit*: the exact likeli
 image (`fringe_template`) is climbed by Newton's method, with its curvature as precision;
 the waveguide invariant is one for a mirror, or free with a broad prior, and both count by
 their evidence. *Weigh*: against the same pattern that stays, is upside down, shifts
-evenly, or belongs to a ship outside the recording, and against the rows in random order.
+evenly, or belongs to a ship outside the recording, and against lines of a machine.
 *Assign*: what the strongest explains is taken out, the rest is searched again, and in the
 end all are fitted together.
 
@@ -769,8 +769,8 @@ def _weighed(
     one = FringePassage(
         middle, both * np.outer(slope, slope), mirror.passage,
         mirror.covariance_with(misfit) * scale_s**2, likelihood - nothing,
-        fitted.log_density, "", -np.inf, 0.0, 0.0, model.templates[0], found, own_contrast, taken.pattern, misfit,
-        model.panel,
+        fitted.log_density, "", -np.inf, 0.0, 0.0, model.templates[0], found,
+        own_contrast, taken.pattern, misfit, model.panel,
     )  # fmt: skip
     for other in _rivals(evidence, fitted, rest, misfit * one.scale):
         rival = replace(
