@@ -23,6 +23,8 @@ from uwtrack_cli.motion.evidence.fringe_template import (
     FringeModel,
     Hypothesis,
     Template,
+    pattern_in,
+    shift_of,
 )
 
 LINE_KNOTS = 0.75
@@ -35,6 +37,9 @@ LINE_VARIANCES = (0.05, 0.25, 1.0, 4.0)
 FARTHEST, LARGEST_STEP, USUAL_STEP = 0.7, 3, 1.0
 """Largest shift of the logarithm of frequency from the middle of a course, most cells that
 it moves from row to row, and deviation of that."""
+
+STEPS = (0.03, 0.1, 0.3, 1.0)
+"""Deviations of the steps of a course from row to row that are tried, cells."""
 
 ROUNDS, SMOOTH = 8, 10.0
 """Times that course and pattern are found from each other, and what a course's bend weighs
@@ -103,6 +108,35 @@ def _walked(score: FloatArray) -> IntArray:
     for back in reversed(came):
         path.append(int(back[path[-1]]))
     return np.array(path[::-1])
+
+
+def course_share(
+    panel: Panel, moving: Hypothesis, template: Template, divisor: float
+) -> float:
+    """Return the log of the prior probability of courses that agree with rows, nepers.
+
+    Courses are random walks whose steps are as large as the rows tell: what follows rows
+    one by one is less likely than a law that says the same. ``divisor``: what the evidence
+    of the rows is divided by.
+    """
+    pattern = FringeModel(panel, [template]).explain([moving]).pattern[0]
+    course = shift_of(panel.time_s, moving)
+    shown = [
+        pattern_in(panel, moving._replace(swing=(panel.time_s, course + by)), template,
+                   pattern, panel)
+        for by in (0.0, panel.cell)
+    ]  # fmt: skip
+    told = ((shown[1] - shown[0]) / panel.cell) ** 2 @ panel.precision / divisor
+    walk = np.diff(np.eye(course.size), axis=0)
+    found = []
+    for step in STEPS:
+        before = walk.T @ walk / (step * panel.cell) ** 2
+        before[0, 0] += FARTHEST**-2.0
+        share = np.linalg.slogdet(before)[1]
+        share -= np.linalg.slogdet(before + np.diag(told))[1]
+        off = np.diff(course) / (step * panel.cell)
+        found.append(0.5 * float(share - off @ off))
+    return max(found)
 
 
 def lines_gain(panel: Panel, moving: Hypothesis) -> float:

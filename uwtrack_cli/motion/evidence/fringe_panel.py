@@ -37,6 +37,9 @@ VARIANCE_CELLS, SHARED_CELLS, FARTHEST_LAG = 9, 31, 6
 and the farthest neighbours that are asked. All are chosen."""
 
 
+ANY_BEND = 1e5
+"""Variance of what rows bend by that leaves it free (`Panel.bend`)."""
+
 LINE_SWING, LEFT_OUT = 9.0, 1e-4
 """How many times a cell's variance over time is that of its neighbours where it holds a
 line, which comes and goes in its place, and what such cells and the next ones count."""
@@ -55,15 +58,14 @@ class Panel(NamedTuple):
     """Time from one row to the next, s."""
     cell: float
     """Step of the logarithm of frequency from one cell to the next."""
+    bend: float = ANY_BEND
+    """Prior variance of what each row bends by over log frequency, beside level and slope,
+    over the variance that noise gives it."""
 
     def near(self, time_s: float, reach_s: float) -> "Panel":
         """Return the rows within a reach of a time, s."""
         rows = np.abs(self.time_s - time_s) <= reach_s
         return self._replace(time_s=self.time_s[rows], value=self.value[rows])
-
-    def shuffled(self, rng: np.random.Generator) -> "Panel":
-        """Return the same rows in another order."""
-        return self._replace(value=rng.permutation(self.value))
 
 
 def panel_of(fringes: Fringes, step_s: float, cells: int = 1) -> Panel | None:

@@ -26,9 +26,10 @@ from uwtrack_cli.motion.evidence.fringe_panel import Panel
 
 UNKNOWNS = {
     "time_s": 1e-3, "width_s": 1e-3, "fading": 1e-2, "invariant": 1e-3, "mach": 1e-4,
+    "tilt": 1e-2,
 }  # fmt: skip
 """What is asked of a passage, with a small step of each: time in R/v, logarithms of R/v
-and of the fading, the invariant, and speed over that of sound."""
+and of the fading, the invariant, speed over that of sound, and the tilt."""
 
 CONTRAST_STD = 0.35
 """Deviation of a row's own contrast, as a share: a sea that swings by 1.5 dB hides more or
@@ -38,13 +39,18 @@ SATURATION = (1.0, 0.5)
 """What the logarithm of vessel and sea bends by, over half of what that of a vessel which
 has one ratio to the sea in all cells does; and its deviation."""
 
+OWN_BEND = 0.1
+"""Deviation of what the spectrum of a vessel bends by over that of the sea, beside level and
+slope, nepers: it rises and falls with her, in place."""
+
 FOUR = np.arange(4)
 """Coefficients of a cubic spline that make a value."""
 
 
-ROW_ORDER = 4
-"""Order of the polynomial over log frequency that a row has of its own: level, slope, and
-what rain, a squall or the vessel's own spectrum bend within some octaves."""
+ROW_ORDER, FREE_ORDER = 4, 1
+"""Order of the polynomial over log frequency that a row has of its own, and up to which it
+is free: level and slope. What rain, a squall or the vessel's own spectrum bend within some
+octaves beside them has the prior variance `Panel.bend`."""
 
 
 class Hypothesis(NamedTuple):
@@ -60,6 +66,9 @@ class Hypothesis(NamedTuple):
     """How the contrast falls: by 1 / (1 + fading ((t - t0) / w)^2)."""
     mach: float = 0.0037
     """Speed over that of sound."""
+    tilt: float = 0.0
+    """How the logarithm of the contrast grows with that of frequency: a vessel's spectrum
+    slopes otherwise than the sea's, and where she is fainter, so is the pattern."""
     course: tuple[FloatArray, FloatArray] | None = None
     """Contrast at times, s, instead of one that fades; None for that of a passage."""
     swing: tuple[FloatArray, FloatArray] | None = None
@@ -103,6 +112,16 @@ def smooth_courses(weight: FloatArray) -> FloatArray:
     )
     unit = np.linalg.qr(bent * np.sqrt(weight)[:, None])[0]
     return np.asarray(unit.T / np.sqrt(weight))
+
+
+def course_shares(bend: float) -> FloatArray:
+    """Return which share of each smooth course a row is taken to have of its own.
+
+    ``bend``: prior variance of those that are not free, over that of noise.
+    """
+    share = np.full(ROW_ORDER + 1, bend / (1.0 + bend))
+    share[: FREE_ORDER + 1] = 1.0
+    return share
 
 
 class Shape(NamedTuple):
@@ -183,9 +202,12 @@ class _Spline(NamedTuple):
 
 def _spline(
     time_s: FloatArray, cells: FloatArray, cell: float, knots: float,
-    passage: Hypothesis, lowest: int | None = None,
+    passage: Hypothesis, count: int, lowest: int | None = None,
 ) -> _Spline:  # fmt: skip
-    """Return the cubic spline of a template in the cells of each row."""
+    """Return the cubic spline of a template in the cells of each row.
+
+    ``count``: cells of the band, about whose middle a pattern is tilted.
+    """
     shift = shift_of(time_s, passage) / cell
     place = (cells - shift[:, None]) / knots
     low = int(np.floor(place.min())) - 1 if lowest is None else lowest
@@ -198,6 +220,7 @@ def _spline(
          2.0 / 3.0 - y * y * (1.0 - 0.5 * y), x**3 / 6.0], axis=2,
     )  # fmt: skip
     weight *= contrast_of(time_s, passage)[:, None, None]
+    weight *= np.exp(passage.tilt * (cell * (cells - 0.5 * count)))[:, None]
     return _Spline(whole - 1, weight, int(whole.max()) + 3, low)
 
 
@@ -218,6 +241,10 @@ def _bent(panel: Panel, template: Template, passage: Hypothesis, shape: Shape) -
     slope = 0.5 * (d * x * x - a * y * y)
     slope += b * x * (1.5 * x - 2.0) - c * y * (1.5 * y - 2.0)
     slope /= -panel.cell * template.knots
+    # a pattern that is tilted is one in its place
+    above = panel.cell * (cells - 0.5 * cells.size)
+    grown = np.exp(passage.tilt * above)
+    height, slope = height * grown, slope * grown
     contrast = contrast_of(panel.time_s, passage)
     moved, faded = [], []
     for name, step in UNKNOWNS.items():
@@ -229,6 +256,7 @@ def _bent(panel: Panel, template: Template, passage: Hypothesis, shape: Shape) -
         faded.append((up - down) / step)
     slopes = (contrast * np.array(moved))[:, :, None] * slope
     slopes += np.array(faded)[:, :, None] * height
+    slopes[list(UNKNOWNS).index("tilt")] = contrast[:, None] * height * above
     extra = (0.5 * contrast * (1.0 - contrast))[:, None] * height**2
     return _Bent(contrast[:, None] * height, extra, slopes)
 
@@ -251,27 +279,30 @@ class FringeModel:
         self._weight = panel.precision
         self._cells = np.arange(self._weight.size, dtype=float)
         self._line = smooth_courses(self._weight)
-        self._value = self._free(panel.value.astype(float))
-        self._square = float((self._value**2 * self._weight).sum())
-        independent = self._value.size - self._line.shape[0] * len(self._value)
+        self._share = course_shares(panel.bend)
+        self._given = panel.value - panel.value.mean(axis=0, dtype=float)
+        self._value = self._free(self._given)
+        self._square = float((self._given * self._value * self._weight).sum())
+        n_rows = len(self._value)
+        independent = self._value.size - (FREE_ORDER + 1) * n_rows
         self._logs = 0.5 * (
-            len(self._value) * float(np.log(self._weight).sum())
+            n_rows * float(np.log(self._weight).sum())
             - independent * float(np.log(2.0 * np.pi))
+            - (n_rows - 1) * (ROW_ORDER - FREE_ORDER) * float(np.log1p(panel.bend))
         )
 
     def _free(self, values: FloatArray) -> FloatArray:
-        """Take the smooth course of each row off, and what stays in each cell."""
-        part = (values * self._weight) @ self._line.T
+        """Take what is likely the course of each row off, and what stays in each cell.
+
+        A product of this with what it was taken from is one of both free of it.
+        """
+        part = (values * self._weight) @ self._line.T * self._share
         values = values - part @ self._line
         return np.asarray(values - values.mean(axis=-2, keepdims=True))
 
     def log_likelihood(self, passages: Sequence[Hypothesis]) -> float:
         """Return the log of the probability density of the image, nepers."""
         return self._solved(passages).log_likelihood
-
-    def residuals(self, passages: Sequence[Hypothesis]) -> FloatArray:
-        """Return what passages leave, in standard deviations, shape (row, cell)."""
-        return self.explain(passages).residual * np.sqrt(self._weight)
 
     def explain(self, passages: Sequence[Hypothesis]) -> Explained:
         """Return the likeliest patterns, and what they leave."""
@@ -283,15 +314,39 @@ class FringeModel:
             parts.append(pattern[at : at + spline.size])
             whole += spline.values(parts[-1])
             at += spline.size
-        contrast = pattern[at : at + len(self._value)]
+        contrast: FloatArray = np.zeros(0)
         if solved.bent is not None:
+            contrast = pattern[at : at + len(self._value)]
+            at += contrast.size
             whole += contrast[:, None] * solved.bent.shown
             whole += (SATURATION[0] + pattern[-1]) * solved.bent.saturated
+        if passages:
+            own = self._spectrum(passages[0])
+            whole += np.tensordot(pattern[at : at + len(own)], own, 1)
         lowest = [spline.lowest for spline in solved.splines]
         return Explained(
             solved.log_likelihood, parts, lowest, contrast,
             self._value - self._free(whole),
         )  # fmt: skip
+
+    def _spectrum(self, passage: Hypothesis) -> FloatArray:
+        """Return what a vessel's spectrum may bend rows by, shape (order, row, cell).
+
+        In parts of unit prior variance.
+        """
+        bent = self._line[FREE_ORDER + 1 :, None, :]
+        own = contrast_of(self.panel.time_s, passage)[None, :, None]
+        return np.asarray(OWN_BEND * np.sqrt(self._weight.sum()) * own * bent)
+
+    def along(self, pattern: FloatArray) -> tuple[FloatArray, float]:
+        """Return what rows tell of how much each has of a pattern in place.
+
+        Its measurement times its precision, shape (row,), and that precision.
+        """
+        heavy = pattern * self._weight
+        smooth = self._line @ heavy
+        told = float(pattern @ heavy - self._share @ smooth**2)
+        return self._value @ heavy, told
 
     def step(
         self, passage: Hypothesis, precision: FloatArray, mean: FloatArray
@@ -332,7 +387,14 @@ class FringeModel:
         """
         places = zip(passages, self.templates, strict=True)
         splines = [
-            _spline(self.panel.time_s, self._cells, self.panel.cell, t.knots, p)
+            _spline(
+                self.panel.time_s,
+                self._cells,
+                self.panel.cell,
+                t.knots,
+                p,
+                self._cells.size,
+            )
             for p, t in places
         ]
         if not splines:
@@ -342,25 +404,31 @@ class FringeModel:
             [np.full(s.size, 1.0 / t.variance)
              for s, t in zip(splines, self.templates, strict=True)]
         )  # fmt: skip
-        bent, value = None, self._value
+        bent, value, given = None, self._value, self._given
         offset: FloatArray = np.zeros(0)
-        images = np.zeros((0, *value.shape))
-        if self.shape is not None:
+        images = self._spectrum(passages[0])
+        spectrum = np.ones(len(images))
+        if self.shape is None:
+            prior = np.concatenate([prior, spectrum])
+        else:
             bent = _bent(self.panel, self.templates[0], passages[0], self.shape)
-            images = bent.saturated[None]
+            images = np.concatenate([images, bent.saturated[None]])
             asked: FloatArray = np.zeros(0)
             if precision is not None and mean is not None:
                 free = np.isfinite(precision)
                 images = np.concatenate([images, bent.slopes[free]])
                 asked = precision[free]
                 offset = asked * mean[free]
-            images = self._free(images)
-            value = value - SATURATION[0] * images[0]
+            value = value - SATURATION[0] * self._free(bent.saturated)
+            given = given - SATURATION[0] * bent.saturated
             own = np.full(len(value), CONTRAST_STD**-2.0)
-            prior = np.concatenate([prior, own, [SATURATION[1] ** -2.0], asked])
+            prior = np.concatenate(
+                [prior, own, spectrum, [SATURATION[1] ** -2.0], asked]
+            )
         normal, right = self._normal(splines, bent, images, value)
         right[right.size - offset.size :] += offset
-        told, root, unknowns = self._integrated(normal, right, prior, value)
+        square = float((given * value * self._weight).sum())
+        told, root, unknowns = self._integrated(normal, right, prior, square)
         return _Solved(told, root, unknowns, splines, bent)
 
     def of_variances(
@@ -370,7 +438,7 @@ class FringeModel:
         normal, right, _ = self.information(passage)
         return [
             self._integrated(
-                normal.copy(), right, np.full(right.size, 1.0 / each), self._value
+                normal.copy(), right, np.full(right.size, 1.0 / each), self._square
             )[0]
             for each in variances
         ]  # fmt: skip
@@ -384,23 +452,38 @@ class FringeModel:
         """
         (template,) = self.templates
         spline = _spline(
-            self.panel.time_s, self._cells, self.panel.cell, template.knots, passage
+            self.panel.time_s,
+            self._cells,
+            self.panel.cell,
+            template.knots,
+            passage,
+            self._cells.size,
         )
-        nothing = np.zeros((0, *self._value.shape))
+        own = self._spectrum(passage)
+        normal, right = self._normal([spline], None, own, self._value)
+        # what of it a spectrum in place may be tells nothing
+        at = slice(spline.size, None)
+        known = normal[at, at] + np.eye(len(own))
+        gain = np.linalg.solve(known, normal[at, : at.start]).T
         place = template.knots * (spline.lowest + np.arange(spline.size))
-        return *self._normal([spline], None, nothing, self._value), place
+        return (
+            normal[: at.start, : at.start] - gain @ normal[at, : at.start],
+            right[: at.start] - gain @ right[at], place,
+        )  # fmt: skip
 
     def _integrated(
         self, normal: FloatArray, right: FloatArray, prior: FloatArray,
-        value: FloatArray,
+        square: float,
     ) -> tuple[float, FloatArray, FloatArray]:  # fmt: skip
-        """Return log-likelihood, root of the precision, and the likeliest unknowns."""
+        """Return log-likelihood, root of the precision, and the likeliest unknowns.
+
+        ``square``: of the values, in deviations.
+        """
         place = np.arange(right.size)
         normal[place, place] += prior
         root = np.linalg.cholesky(normal)
         half = _solve(root, right)
         log_det = 2.0 * np.log(np.diag(root)).sum() - np.log(prior).sum()
-        square = float((value**2 * self._weight).sum())
         told = self._logs - 0.5 * (square - float(half @ half) + float(log_det))
         return told, root, _solve(root, half, upper=True)
 
@@ -411,7 +494,7 @@ class FringeModel:
         """Return normal matrix and right side, free of the courses and the cells.
 
         Of all coefficients, the contrast of each row where something is ``bent``, and
-        images that are free of courses and cells already.
+        ``images``. ``value``: free of courses and cells already.
         """
         n_rows, n_cells = value.shape
         starts = np.cumsum([0, *(spline.size for spline in splines)]).tolist()
@@ -443,24 +526,32 @@ class FringeModel:
         stays = np.zeros((n_cells, held))
         each = np.bincount(cell, weighted.ravel(), n_cells * count)
         stays[:, :count] = each.reshape(n_cells, count)
-        courses = np.zeros((self._line.shape[0], n_rows, held))
-        for told, line in zip(courses, self._line, strict=True):
-            told[:, :count] = by_row(line)
+        line = np.sqrt(self._share)[:, None] * self._line
+        courses = np.array([by_row(one) for one in line])
+        both = np.zeros((len(line), held))
+        both[:, :count] = courses.sum(axis=1)
         if bent is not None:
             heavy, own = bent.shown * self._weight, np.arange(n_rows)
             normal[count:held, :count] = by_row(bent.shown)
-            normal[:count, count:held] = normal[count:held, :count].T
-            normal[count + own, count + own] = (heavy * bent.shown).sum(axis=1)
+            told = line @ heavy.T
+            both[:, count:] = told
+            square = (heavy * bent.shown).sum(axis=1) - (told**2).sum(axis=0)
+            normal[count + own, count + own] = square
+            # a row's course is its own: what it has of the pattern in that row alone
+            normal[count:held, :count] -= (told[:, :, None] * courses).sum(axis=0)
             right[count:held] = (heavy * value).sum(axis=1)
             stays[:, count:] = heavy.T
-            courses[:, own, count + own] = (heavy @ self._line.T).T
-            normal[held:, count:held] = (images * heavy).sum(axis=2)
-        both, flat = courses.sum(axis=1), courses.reshape(-1, held)
+        freed = self._free(images)
+        if bent is not None:
+            normal[held:, count:held] = (freed * heavy).sum(axis=2)
+            normal[:count, count:held] = normal[count:held, :count].T
+        flat = courses.reshape(-1, count)
+        normal[:count, :count] -= flat.T @ flat
         stays /= np.sqrt(n_rows * self._weight)[:, None]
-        normal[:held, :held] += both.T @ both / n_rows - flat.T @ flat - stays.T @ stays
-        for k, image in enumerate(images, held):
-            normal[k, :count] = whole(image)
-            normal[k, held:] = np.tensordot(images, image * self._weight, 2)
+        normal[:held, :held] += both.T @ both / n_rows - stays.T @ stays
+        for k, (image, own_freed) in enumerate(zip(images, freed, strict=True), held):
+            normal[k, :count] = whole(own_freed)
+            normal[k, held:] = np.tensordot(images, own_freed * self._weight, 2)
             right[k] = (image * self._weight * value).sum()
         normal[:held, held:] = normal[held:, :held].T
         return normal, right
@@ -519,10 +610,14 @@ def pattern_in(
     panel has shown.
     """
     cells = np.arange(model.precision.size, dtype=float)
-    low = _spline(model.time_s, cells, model.cell, template.knots, passage).lowest
+    low = _spline(
+        model.time_s, cells, model.cell, template.knots, passage, cells.size
+    ).lowest
     finer = panel.cell / model.cell
     places = (np.arange(panel.precision.size) + 0.5) * finer - 0.5
-    spline = _spline(panel.time_s, places, model.cell, template.knots, passage, low)
+    spline = _spline(
+        panel.time_s, places, model.cell, template.knots, passage, cells.size, low
+    )
     padded = np.concatenate([np.zeros(8), pattern, np.zeros(8)])
     first = np.clip(spline.first + 8, 4, padded.size - 5)
     return spline._replace(first=first).values(padded)

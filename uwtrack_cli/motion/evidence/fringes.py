@@ -6,7 +6,7 @@ and noise gains nothing, since the template has a prior. *Fit*: the exact likeli
 image (`fringe_template`) is climbed by Newton's method, with its curvature as precision;
 the waveguide invariant is one for a mirror, or free with a broad prior, and both count by
 their evidence. *Weigh*: against the same pattern that stays, is upside down, shifts
-evenly, or belongs to a ship outside the recording, and against the rows in random order.
+evenly, or belongs to a ship outside the recording, and against lines of a machine.
 *Assign*: what the strongest explains is taken out, the rest is searched again, and in the
 end all are fitted together.
 
@@ -30,11 +30,13 @@ from uwtrack_cli.data.fringes import Fringes
 from uwtrack_cli.motion.association import PassageReport, same_vessel
 from uwtrack_cli.motion.evidence.fringe_lines import (
     LINE_KNOTS,
+    course_share,
     likeliest_course,
     lines_gain,
 )
 from uwtrack_cli.motion.evidence.fringe_mirror import Mirror, mirror_of
 from uwtrack_cli.motion.evidence.fringe_panel import (
+    ANY_BEND,
     FEWEST_ROWS,
     Panel,
     panel_of,
@@ -46,6 +48,7 @@ from uwtrack_cli.motion.evidence.fringe_template import (
     Shape,
     Template,
     contrast_of,
+    course_shares,
     pattern_in,
     shift_of,
     smooth_courses,
@@ -178,9 +181,10 @@ def flattened(panel: Panel) -> FloatArray:
     For proposals alone: what is taken off here takes some of a pattern with it.
     """
     courses = smooth_courses(panel.precision)
+    share = course_shares(panel.bend)[:, None]
     value = panel.value - np.median(panel.value, axis=0)
     for _ in range(2):
-        value = value - ((value * panel.precision) @ courses.T) @ courses
+        value = value - ((value * panel.precision) @ courses.T) @ (share * courses)
         value = value - value.mean(axis=0)
     return np.asarray(value)
 
@@ -215,11 +219,10 @@ class _Leftovers(NamedTuple):
         own = FringeModel(self.panel, model.templates, shape).log_likelihood(passages)
         if not self.known:
             return own
-        course, its = _likeliest_still(self.panel, shown.residual)
-        still = (_still(self.panel, course), its)
-        model, passages = self._model([(one, prior), still])
+        still = _likeliest_still(self.panel._replace(value=shown.residual))
+        model, passages = self._model([(one, prior), (still.course, still.prior)])
         model = FringeModel(self.panel, model.templates, shape)
-        return max(own, model.log_likelihood(passages))
+        return max(own, model.log_likelihood(passages) + still.share)
 
     def _model(
         self, asked: list[tuple[Hypothesis, Template]]
@@ -240,6 +243,8 @@ class FringeEvidence:
         self.fringes, self.mach = fringes, mach
         self._known: list[FringePassage] = []
         self._stacks: dict[int, _Stack | None] = {}
+        self._proposals: list[Proposal] | None = None
+        self._panels: dict[tuple[int, int], Panel | None] = {}
 
     def leftovers(self, panel: Panel) -> "_Leftovers":
         """Return what the known passages may have left of themselves in some rows."""
@@ -255,7 +260,7 @@ class FringeEvidence:
     def explained(self, known: Sequence["FringePassage"]) -> "FringeEvidence":
         """Return the evidence of what some passages leave."""
         rest = FringeEvidence(self.fringes, self.mach)
-        rest._known = list(known)
+        rest._known, rest._panels = list(known), self._panels
         return rest
 
     def panel(self, step_s: float, cells: int = 1) -> Panel | None:
@@ -264,7 +269,11 @@ class FringeEvidence:
         ``step_s``: time that a row is averaged over; less where that leaves few rows.
         """
         span_s = self.fringes.time_s.size * self.fringes.average_s
-        panel = panel_of(self.fringes, min(step_s, span_s / LEAST_ROWS), cells)
+        step_s = min(step_s, span_s / LEAST_ROWS)
+        key = int(step_s / self.fringes.average_s + 1e-6), cells
+        if key not in self._panels:  # averages are asked for again and again
+            self._panels[key] = panel_of(self.fringes, step_s, cells)
+        panel = self._panels[key]
         if panel is None:
             return None
         for one in self._known:
@@ -286,6 +295,11 @@ class FringeEvidence:
 
     def proposals(self) -> list[Proposal]:
         """Return the likeliest passage of each R/v, the likeliest first."""
+        if self._proposals is None:
+            self._proposals = self._proposed()
+        return self._proposals
+
+    def _proposed(self) -> list[Proposal]:
         time_s = self.fringes.time_s
         if time_s.size < FEWEST_ROWS:
             return []
@@ -327,29 +341,44 @@ class FringeEvidence:
 FIT_ROWS, FIT_REACH, FIT_CELLS = 10.0, 6.0, 2
 """Rows of R/v, R/v on either side and neighbouring cells that the fit takes together."""
 
+BENDS = (0.1, 1.0, 10.0, 100.0, 1e3, ANY_BEND)
+"""Variances of what rows bend by that are tried, over that of noise."""
+
 KNOTS = (1.5, 3.0, 6.0)
 """Distances of a template's knots that are tried, in the fit's cells."""
 
 FADING_PRIOR = (float(np.log(USUAL_FADING)), 0.7)
 """Mean and deviation of the logarithm of the fading: from noise alone to no noise."""
 
+TILT = 0.2
+"""Deviation of the slope of a vessel's spectrum from that of the sea, nepers by the
+logarithm of frequency: 0.6 dB per octave."""
+
 INVARIANT_PRIOR = (1.1, 0.25)
 """Mean and deviation of the invariant of a waveguide."""
+
+COUNTS = 0.05
+"""Probability from which the deviations of a waveguide are worked out."""
 
 BROAD_SHARE = 0.5
 """Prior probability that the invariant is not that of a mirror."""
 
-CHANNEL_LONGER, CHANNEL_WIDTH = 0.023, 0.012
+CHANNEL_LONGER, CHANNEL_WIDTH = 0.023, 0.017
 """By how much images in a bottom make the logarithm of R/v longer: they are those of a
 sensor that lies deeper, and so farther; mean and deviation
-(studies/constants/fringe_water.py)."""
+(studies/constants/fringe_water.py). It goes with the inverse square of the range, which
+fringes do not tell."""
 
-LARGEST_STEP = np.array([0.15, 0.15, 1.0, 0.2, 1.0])
+LARGEST_STEP = np.array([0.15, 0.15, 1.0, 0.2, 1.0, 0.3])
 """What a step of the fit changes each of `UNKNOWNS` by at most."""
 
 WIDEST_STEP = 1.0
 """Deviation of a step of the time, in R/v, and of the logarithm of R/v: so wide that it only
 counts where nothing is seen of them."""
+
+PROFILED, LEAST_BEND = 1.5, 0.1
+"""Deviations to either side at which the log-likelihood is asked for its curvature, and
+least curvature, over that of the last step."""
 
 MOST_STEPS, CLOSE = 12, 0.1
 """Steps at most, and deviations of a step of time and R/v that is the last."""
@@ -365,7 +394,8 @@ better one explains, since neither is all that the sea does
 (tests/draws/fringe_rates.py)."""
 
 PRIOR_LOG_ODDS = -9.0
-"""Log of the rate of passages over that of sounds whose tempered evidence is as good."""
+"""Log of the rate of passages over that of sounds whose tempered evidence is as good. A
+vessel that passes outside the recording is as usual as one that passes inside."""
 
 LEAST_GAIN = 20.0
 """Gain of a proposal, nepers, from which it is fitted: rows in random order have 6 at
@@ -386,6 +416,12 @@ the first ones are wrong by, while it is still there, speaks against it."""
 
 LEFT_ORDER = 2
 """Order of the contrast, along the rows, of what a known passage leaves of itself."""
+
+CORRELATIONS = (0.0, 0.7, 0.95, 0.99)
+"""Correlations of its course from row to row that are tried."""
+
+COURSE_VARIANCES = (1e-4, 1e-3, 0.01, 0.1, 1.0)
+"""Variances of it that are tried, over the square of the largest."""
 
 STILL_VARIANCES = (0.01, 0.1, 1.0)
 """Variances of what rises and falls in place, nepers^2."""
@@ -415,12 +451,16 @@ class FringePassage:
     """Of its time and range over speed, shape (2, 2)."""
     gain: float
     """Nepers over an image without a pattern."""
+    density: float
+    """Log of the prior density of its unknowns over the largest, nepers."""
     rival: str
     """Code of the strongest explanation in which nothing passes."""
     rival_gain: float
     """What that gains with a pattern of any shape."""
     rival_pattern: float
     """What the shape that it says gains over any shape, nepers."""
+    rival_prior: float
+    """Log of its prior probability over that of a passage."""
     template: Template
     """Prior of its pattern."""
     fitted: Hypothesis
@@ -455,7 +495,7 @@ class FringePassage:
         more = (self.gain - self.rival_gain) / self.misfit
         # shapes of one pattern on one course: what the sea does besides is in both
         shape = self.rival_pattern / self.misfit
-        return float(PRIOR_LOG_ODDS + more / self.scale - shape)
+        return float(self.density - self.rival_prior + more / self.scale - shape)
 
     @property
     def probability(self) -> float:
@@ -473,6 +513,8 @@ class _Fitted(NamedTuple):
     """Precision of each before, shape (unknown,); infinite where it is held."""
     log_likelihood: float
     """Log of the probability of the image there, nepers."""
+    log_density: float
+    """Log of the prior density there over the largest, nepers."""
     log_share: float
     """Log of the prior probability of what agrees with the image, nepers."""
     model: FringeModel
@@ -502,13 +544,16 @@ class _Law(NamedTuple):
         """Return the law of a mirror or of a waveguide."""
         invariant = (1.0, 0.0) if is_mirror else INVARIANT_PRIOR
         unknown = (np.nan, WIDEST_STEP)
-        each = np.array([unknown, unknown, FADING_PRIOR, invariant, mach])
+        tilt = (0.0, TILT)
+        each = np.array([unknown, unknown, FADING_PRIOR, invariant, mach, tilt])
         return cls(each[:, 0], each[:, 1])
 
     def off(self, passage: Hypothesis) -> FloatArray:
         """Return by how much the mean of each is above a passage's."""
         fading = float(np.log(passage.fading))
-        own = np.array([0.0, 0.0, fading, passage.invariant, passage.mach])
+        own = np.array(
+            [0.0, 0.0, fading, passage.invariant, passage.mach, passage.tilt]
+        )
         return np.where(np.isfinite(self.mean), self.mean - own, 0.0)
 
     @property
@@ -542,7 +587,7 @@ def fit_passage(
         told = _climbed(evidence, told.passage, mirror, model) or told
     channel = _Law.of(evidence.mach, is_mirror=False)
     free = _climbed(evidence, told.passage, channel, told.model) or told
-    return _weighed(evidence, told, free)
+    return _weighed(evidence, _profiled(told, mirror), free)
 
 
 def _climbed(
@@ -565,20 +610,62 @@ def _climbed(
         by, covariance, shape = rows.step(here, law.precision, law.off(here))
         deviation = np.sqrt(np.diag(covariance))
         share = min(1.0, *(LARGEST_STEP / np.maximum(np.abs(by), 1e-9)))
-        for name, one in zip(UNKNOWNS, by * share, strict=True):
-            size = one * here.width_s if name == "time_s" else one
-            here = here.changed(name, float(size))
+        here = _moved(here, by * share)
         rows = FringeModel(rows.panel, rows.templates, shape)
         if np.max(np.abs(by[:2]) / deviation[:2]) < CLOSE:
             break
     if rows is None:
         return None
+    return _fitted(here, covariance, law, rows)
+
+
+def _fitted(
+    here: Hypothesis, covariance: FloatArray, law: _Law, rows: FringeModel
+) -> _Fitted:
+    """Return a passage with its evidence."""
     is_asked = np.diag(covariance) > 0.0
     log_det = float(np.linalg.slogdet(covariance[np.ix_(is_asked, is_asked)])[1])
-    share = law.log_density(here) + 0.5 * log_det
+    density = law.log_density(here)
+    share = density + 0.5 * log_det
     share -= float(np.log(law.deviation[is_asked]).sum())
     told = rows.log_likelihood([here])
-    return _Fitted(here, covariance, law.precision, told, share, rows)
+    return _Fitted(here, covariance, law.precision, told, density, share, rows)
+
+
+def _moved(passage: Hypothesis, by: FloatArray) -> Hypothesis:
+    """Return a passage with its unknowns changed; its time in R/v."""
+    for name, one in zip(UNKNOWNS, by, strict=True):
+        size = one * passage.width_s if name == "time_s" else one
+        passage = passage.changed(name, float(size))
+    return passage
+
+
+def _profiled(fitted: _Fitted, law: _Law) -> _Fitted:
+    """Return a fit whose time and R/v have the curvature of the log-likelihood itself.
+
+    A step of Gauss and Newton takes what noise leaves in the pattern for a part of it,
+    whose bends tell time and R/v, too. As either moves, the others follow as the fit has
+    them, and the pattern and the rows' contrasts are found again.
+    """
+    model, here = fitted.model, fitted.passage
+    covariance = fitted.covariance
+
+    def told(passage: Hypothesis) -> float:
+        rows = _shaped(model.panel, model.templates[0], passage)
+        return rows.log_likelihood([passage]) + law.log_density(passage)
+
+    middle = told(here)  # about the same pattern as both sides
+    shift, wider = np.zeros(len(UNKNOWNS)), np.ones(len(UNKNOWNS))
+    for k in range(2):
+        variance = float(covariance[k, k])
+        by = PROFILED * covariance[:, k] / np.sqrt(variance)
+        low, high = (told(_moved(here, sign * by)) for sign in (-1.0, 1.0))
+        bend = max(2.0 * middle - low - high, LEAST_BEND * PROFILED**2)
+        wider[k] = PROFILED / np.sqrt(bend)
+        shift += by * float(np.clip(0.5 * (high - low) / bend, -1.0, 1.0))
+    here = _moved(here, shift)
+    rows = _shaped(model.panel, model.templates[0], here)
+    return _fitted(here, covariance * np.outer(wider, wider), law, rows)
 
 
 def _rows_about(
@@ -594,11 +681,22 @@ def _rows_about(
     panel = panel.near(here.time_s, FIT_REACH * here.width_s)
     if panel.time_s.size < FEWEST_ROWS:
         return None
-    template = model.templates[0] if model else _best_template(panel, here)
-    return _about(panel, template, here)
+    if model:
+        panel = panel._replace(bend=model.panel.bend)
+        return _shaped(panel, model.templates[0], here)
+    return _about(panel, _best_template(panel, here), here)
 
 
 def _about(panel: Panel, template: Template, passage: Hypothesis) -> FringeModel:
+    """Return the image about the likeliest pattern of a passage, as rows bend in it."""
+    told = [panel._replace(bend=each) for each in BENDS]
+    panel = max(
+        told, key=lambda one: FringeModel(one, [template]).log_likelihood([passage])
+    )
+    return _shaped(panel, template, passage)
+
+
+def _shaped(panel: Panel, template: Template, passage: Hypothesis) -> FringeModel:
     """Return the image about the likeliest pattern of a passage."""
     shown = FringeModel(panel, [template]).explain([passage])
     return FringeModel(panel, [template], Shape(shown.pattern[0], shown.lowest[0]))
@@ -641,6 +739,8 @@ def _weighed(
     odds += channel.log_share - mirror.log_share
     odds += np.log(BROAD_SHARE / (1.0 - BROAD_SHARE))
     share = float(1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0))))
+    if share > COUNTS:
+        channel = _profiled(channel, _Law.of(evidence.mach, is_mirror=False))
     fitted = channel if share > 0.5 else mirror
     found, model = fitted.passage, fitted.model
     # both in times of the mirror's R/v
@@ -668,14 +768,15 @@ def _weighed(
     slope = np.array([scale_s, width_s])
     one = FringePassage(
         middle, both * np.outer(slope, slope), mirror.passage,
-        mirror.covariance_with(misfit) * scale_s**2, likelihood - nothing, "",
-        -np.inf, 0.0, model.templates[0], found, own_contrast, taken.pattern, misfit,
-        model.panel,
+        mirror.covariance_with(misfit) * scale_s**2, likelihood - nothing,
+        fitted.log_density, "", -np.inf, 0.0, 0.0, model.templates[0], found,
+        own_contrast, taken.pattern, misfit, model.panel,
     )  # fmt: skip
-    for code, other, pattern in _rivals(model, found, rest):
+    for other in _rivals(evidence, fitted, rest, misfit * one.scale):
         rival = replace(
-            one, rival=code, rival_gain=other - nothing, rival_pattern=pattern
-        )
+            one, rival=other.code, rival_gain=other.log_likelihood - nothing,
+            rival_pattern=other.pattern, rival_prior=other.log_prior,
+        )  # fmt: skip
         one = min(one, rival, key=lambda each: each.log_odds)
         if one.log_odds < PERHAPS:  # it is refused, whatever else there is
             break
@@ -753,48 +854,94 @@ def _misfit(residual: FloatArray, precision: FloatArray) -> float:
     return max(total, 1.0) * max(usual, 1.0)
 
 
+class _Rival(NamedTuple):
+    """An explanation in which nothing passes."""
+
+    code: str
+    """What it is."""
+    log_likelihood: float
+    """Of the image, nepers."""
+    pattern: float = 0.0
+    """What the shape of its pattern gains over any shape, nepers."""
+    log_prior: float = -PRIOR_LOG_ODDS
+    """Log of its prior probability over that of a passage."""
+
+
 def _rivals(
-    model: FringeModel, found: Hypothesis, rest: _Leftovers
-) -> Iterator[tuple[str, float, float]]:
+    evidence: FringeEvidence, fitted: _Fitted, rest: _Leftovers, divisor: float
+) -> Iterator[_Rival]:
     """Yield explanations in which nothing passes.
 
-    Code, likelihood, and what the shape of the pattern gains over any shape.
+    ``divisor``: what log-likelihoods are divided by.
     """
-    panel = model.panel
-    course, prior = _likeliest_still(panel, flattened(panel))
-    still, bent = _still(panel, course), _still(panel, np.square(course))
-    yield STAYS, rest.beside([(still, prior)]), 0.0
+    model, found = fitted.model, fitted.passage
+    panel, own = model.panel, model.templates[0]
+    still = _likeliest_still(panel)
+    one = still.course, still.prior
+    # rows may bend otherwise where nothing passes
+    own_bend = [_Leftovers(panel._replace(bend=each), rest.known) for each in BENDS]
+    likely, in_place = max(
+        ((each.beside([one]), each) for each in own_bend), key=lambda each: each[0]
+    )
+    yield _Rival(STAYS, likely + still.share)
     # rain adds power: where its logarithm bends, the square of its course is there, too
+    bent = _still(panel, np.square(contrast_of(panel.time_s, still.course)))
     for variance in STILL_VARIANCES:
-        bending = bent, Template(prior.knots, variance)
-        yield STAYS, rest.beside([(still, prior), bending]), 0.0
+        bending = bent, Template(still.prior.knots, variance)
+        yield _Rival(STAYS, in_place.beside([one, bending]) + still.share)
     upside = [
         found._replace(invariant=-1.0, time_s=found.time_s + k * found.width_s)
         for k in (-1.0, -0.5, 0.0, 0.5, 1.0)
     ]
+    alone = FringeModel(panel, [own])
+    best = max(upside, key=lambda each: alone.log_likelihood([each]))
+    yield _Rival(UPSIDE_DOWN, rest.moving(best, own))
     first, last = float(panel.time_s[0]), float(panel.time_s[-1])
     even = (panel.time_s, np.ones(panel.time_s.size))
     away = [
-        Hypothesis(place, 1.0, 1.0, course=even)
+        Hypothesis(place, 1.0, 1.0, course=even, tilt=found.tilt)
         for share in AWAY
         for place in (first - share * (last - first), last + share * (last - first))
     ]
-    own = model.templates[0]
-    alone = FringeModel(panel, [own])
-    for code, tried in ((UPSIDE_DOWN, upside), (OUTSIDE_ALONE, away)):
-        best = max(tried, key=lambda one: alone.log_likelihood([one]))
-        yield code, rest.moving(best, own), 0.0
+    best = max(away, key=lambda each: alone.log_likelihood([each]))
+    yield _Rival(OUTSIDE_ALONE, rest.moving(best, own), log_prior=0.0)
+    for passage in _passing_outside(evidence, fitted):
+        yield _Rival(OUTSIDE_ALONE, rest.moving(passage, own), log_prior=0.0)
     swing = likeliest_course(
         panel, flattened(panel), shift_of(panel.time_s, found),
         contrast_of(panel.time_s, found), max(VARIANCES),
     )  # fmt: skip
-    machine = Hypothesis(0.0, 1.0, course=even, swing=(panel.time_s, swing))
+    machine = Hypothesis(
+        0.0, 1.0, course=even, swing=(panel.time_s, swing), tilt=found.tilt
+    )
     # as fine as lines are, too: fringes of many images of a loud vessel are no wider
     own = _likeliest_template(panel, machine, (LINE_KNOTS, *KNOTS), VARIANCES)
     free = FringeModel(panel, [own]).log_likelihood([machine])
     pattern = lines_gain(panel, machine) - free
     pattern += FringeModel(panel, []).log_likelihood([])
-    yield MOVING_LINES, rest.moving(machine, own), pattern
+    share = course_share(panel, machine, own, divisor)
+    likely = rest.moving(machine, own)
+    yield _Rival(MOVING_LINES, likely, pattern, share - PRIOR_LOG_ODDS)
+
+
+def _passing_outside(evidence: FringeEvidence, fitted: _Fitted) -> Iterator[Hypothesis]:
+    """Yield passages outside the recording that the same rows may be of."""
+    every = evidence.proposals()
+    far = [
+        one for one in every
+        if not evidence.is_inside(np.array(one.time_s), one.width_s)
+        and one.gain > ALIKE * every[0].gain
+    ]  # fmt: skip
+    law = _Law.of(evidence.mach, is_mirror=True)
+    for one in far[:1]:
+        start = fitted.passage._replace(
+            time_s=one.time_s, width_s=one.width_s, invariant=1.0
+        )
+        told = _climbed(evidence, start, law, fitted.model)
+        if told is not None:
+            passage = told.passage
+            if not evidence.is_inside(np.array(passage.time_s), passage.width_s):
+                yield passage
 
 
 def _still(panel: Panel, course: FloatArray) -> Hypothesis:
@@ -802,13 +949,76 @@ def _still(panel: Panel, course: FloatArray) -> Hypothesis:
     return Hypothesis(0.0, 1.0, 0.0, course=(panel.time_s, course))
 
 
-def _likeliest_still(panel: Panel, value: FloatArray) -> tuple[FloatArray, Template]:
-    """Return the course, and its pattern's prior, that explain values best in place."""
-    course = np.linalg.svd(value * np.sqrt(panel.precision), full_matrices=False)[0]
-    shape = course[:, 0] / np.abs(course[:, 0]).max()
-    still = _still(panel, shape)
-    rest = panel._replace(value=value)
-    return shape, _likeliest_template(rest, still, KNOTS[:2], STILL_VARIANCES)
+class _LikeliestStill(NamedTuple):
+    """A pattern that rises and falls in place, as it explains rows best."""
+
+    course: Hypothesis
+    """How it rises and falls."""
+    prior: Template
+    """Of its pattern."""
+    share: float
+    """Log of the prior probability of courses that agree with the rows, nepers."""
+
+
+def _likeliest_still(panel: Panel) -> _LikeliestStill:
+    """Return what explains rows best in place.
+
+    Its course is that of the level, as of rain, or any; what it deviates by is a normal
+    process whose variance and correlation from row to row are found from the rows, so that
+    a course that follows noise gains nothing.
+    """
+    value = flattened(panel) * np.sqrt(panel.precision)
+    course = np.linalg.svd(value, full_matrices=False)[0]
+    level = (panel.value - np.median(panel.value, axis=0)) @ panel.precision
+    starts = [course[:, 0], level - np.quantile(level, 0.1)]
+    found = []
+    for start in starts:
+        own = start / np.abs(start).max()
+        still = _still(panel, own)
+        prior = _likeliest_template(panel, still, KNOTS[:2], STILL_VARIANCES)
+        model = FringeModel(panel, [prior])
+        pattern = model.explain([still]).pattern[0]
+        row = int(np.argmax(np.abs(own)))
+        shape = pattern_in(panel, still, prior, pattern, panel)[row] / own[row]
+        heard, told = model.along(shape)
+        square = float((own**2).mean())
+        is_level = start is starts[1]
+        usual = own if is_level else np.zeros(own.size)
+        variances = square * np.array(COURSE_VARIANCES if is_level else (1.0,))
+        off = heard - told * (usual - usual.mean())
+        _, share, by = max(_process(off, told, variances), key=lambda each: each[0])
+        one = _still(panel, usual + by)
+        likely = model.log_likelihood([one]) + share
+        found.append((likely, _LikeliestStill(one, prior, share)))
+    return max(found, key=lambda each: each[0])[1]
+
+
+def _process(
+    heard: FloatArray, told: float, variances: FloatArray
+) -> Iterator[tuple[float, float, FloatArray]]:
+    """Yield what normal processes gain, the log of their prior share, and their mean.
+
+    ``heard``: measurements times their precision. ``told``: that precision.
+    """
+    for correlation in CORRELATIONS:
+        value, axes = np.linalg.eigh(_precision_of(heard.size, correlation))
+        part = heard @ axes
+        for variance in variances:
+            before = value / variance
+            mean = part / (before + told)
+            share = 0.5 * float(np.log(before / (before + told)).sum())
+            share -= 0.5 * float(before @ mean**2)
+            gain = float(part @ mean - 0.5 * told * mean @ mean) + share
+            yield gain, share, axes @ mean
+
+
+def _precision_of(count: int, correlation: float) -> FloatArray:
+    """Return the precision of a process of unit variance whose neighbours correlate."""
+    own = np.full(count, 1.0 + correlation**2)
+    own[[0, -1]] = 1.0
+    beside = np.full(count - 1, -correlation)
+    total = np.diag(own) + np.diag(beside, 1) + np.diag(beside, -1)
+    return np.asarray(total / (1.0 - correlation**2))
 
 
 STRETCH_S = 3600.0
@@ -884,7 +1094,7 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
     known: list[FringePassage] = []
     for _ in range(MOST_PASSAGES):
         rest = evidence.explained(known)
-        one = _likeliest_fit(rest)
+        one = likeliest_fit(rest)
         if one is None or one.log_odds < (PERHAPS if known else 0.0):
             break
         known.append(one)
@@ -904,7 +1114,7 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
     return vessels
 
 
-def _likeliest_fit(evidence: FringeEvidence) -> FringePassage | None:
+def likeliest_fit(evidence: FringeEvidence) -> FringePassage | None:
     """Return the likeliest passage; None if there is none.
 
     Far from its closest approach a vessel fixes little but its bend, and where patterns
