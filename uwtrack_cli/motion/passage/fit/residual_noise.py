@@ -1,9 +1,10 @@
 """Noise of the three kinds of measurement, judged from the residuals of a fit.
 
-**Method.** A scale per row from neighbouring residuals, a variance common to all rows
-of an instant (a shaft whose speed jitters moves all its lines together), and the
-long-run excess of that common part, which decides how uncertain a sum over a passage
-is. Outliers get Tukey's weights.
+**Method.** A scale per row from neighbouring residuals and from what the row wanders by
+itself (a line that was traced through noise is smooth and goes anywhere), a variance
+common to all rows of an instant (a shaft whose speed jitters moves all its lines
+together), and the long-run excess of that common part, which decides how uncertain a
+sum over a passage is. Outliers get Tukey's weights.
 
 **Conventions.** Arrays are (batch, rows, n) with the rows of all kinds under one
 another; precision is an inverse variance, zero where a value is missing.
@@ -51,7 +52,10 @@ Noises = tuple[BlockNoise, BlockNoise, BlockNoise]
 
 
 def block_noises(
-    residual: FloatArray, blocks: Blocks, correlation_time_s: float | None
+    residual: FloatArray,
+    blocks: Blocks,
+    passage_s: float,
+    correlation_time_s: float | None,
 ) -> Noises:
     """Judge the noise of the three kinds of measurement.
 
@@ -61,6 +65,8 @@ def block_noises(
         Measured less modelled, shape (batch, rows, n).
     blocks
         The measurements with their nominal inverse variances.
+    passage_s
+        Time over which what a row wanders by itself is summed, seconds.
     correlation_time_s
         Longest correlation time of coloured noise to allow for, seconds; None treats
         the common part as independent from instant to instant, and zero leaves coloured
@@ -68,6 +74,9 @@ def block_noises(
     """
     kinds = blocks.kinds
     scale = neighbour_scale(residual, blocks.weight, blocks.correlation)
+    scale = scale * _wander(
+        residual, blocks.weight, scale, kinds, blocks.time_s, passage_s
+    )
     precision = blocks.weight / scale[..., None] ** 2
     root = np.sqrt(precision)
     deviation = residual * root
@@ -103,6 +112,41 @@ def block_noises(
         for kind, rows in enumerate(blocks.parts)
     )  # fmt: skip
     return first, second, third
+
+
+def _wander(
+    residual: FloatArray,
+    weight: FloatArray,
+    scale: FloatArray,
+    kinds: FloatArray,
+    time_s: FloatArray,
+    passage_s: float,
+) -> FloatArray:
+    """Return by how much more than its neighbours tell a row scatters over a passage.
+
+    Each row is held against the mean of its kind: what all rows share is not its own,
+    and a row alone has nothing to be held against. Returned is a factor on the scale of
+    every row, shape (batch, rows).
+    """
+    rows = kinds.sum(axis=-1) @ kinds > 1
+    precision = weight / scale[..., None] ** 2
+    if not rows.any():
+        return np.ones(scale.shape)
+    deviation = residual * np.sqrt(precision)
+    typical = np.maximum(median_scale(deviation, precision), 1.0)[..., None]
+    kept = np.where(bisquare_weight(deviation / typical) > 0, precision, 0.0)
+    measured = np.maximum((kept > 0).sum(axis=-1), 1)
+    mean_precision = kept.sum(axis=-1) / measured
+    # no row is believed beyond what it states before its wander is known
+    variance = np.maximum(1.0 / scale**2, 1.0)
+    for _ in range(2):
+        weight = kept / variance[..., None]
+        total = kinds @ weight
+        mean = (kinds @ (weight * residual)) / np.where(total > 0, total, 1.0)
+        apart = (residual - kinds.T @ mean)[..., rows, :]
+        own = long_run_excess(apart, kept[..., rows, :], time_s, passage_s)
+        variance[..., rows] = 1 + mean_precision[..., rows] * own
+    return np.sqrt(variance)
 
 
 def rough_weight(residual: FloatArray, blocks: Blocks) -> FloatArray:
