@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from uwtrack_cli.motion.passage.fit.residual_noise import rough_weight
+from uwtrack_cli.motion.passage.fit.residual_noise import block_noises, rough_weight
 
 
 def test_a_row_of_one_measurement_keeps_its_nominal_weight():
@@ -18,3 +18,36 @@ def test_a_row_of_one_measurement_keeps_its_nominal_weight():
     assert weight[0, 1, 0] == 4.0
     # many measurements tell that they scatter by three times what was stated
     assert abs(np.median(weight[0, 0]) - 4.0 / 9.0) < 0.1 * 4.0 / 9.0
+
+
+def noise_of(residual):
+    """Judge one data set whose rows are frequencies of nominal deviation one."""
+    rows, count = residual.shape
+    blocks = SimpleNamespace(
+        weight=np.ones((1, rows, count)), correlation=np.zeros(rows),
+        time_s=np.arange(count, dtype=float), kinds=np.eye(3)[:, [0] * rows],
+        parts=(slice(0, rows), slice(rows, rows), slice(rows, rows)),
+    )  # fmt: skip
+    return block_noises(residual[None], blocks, 60.0, None)[0]
+
+
+def test_a_row_that_wanders_by_itself_counts_by_its_wander():
+    """A smooth course through noise: its neighbours differ little, its sums by much."""
+    rng = np.random.default_rng(2)
+    clear = rng.standard_normal((3, 600))
+    walk = np.cumsum(0.1 * rng.standard_normal((1, 600)), axis=1)
+    noise = noise_of(np.concatenate([clear, walk - walk.mean()]))
+    assert np.all(np.abs(noise.scale[0, :3] - 1.0) < 0.1)
+    assert noise.white_scale[0, 3] < 0.3
+    # sums of the walk over sixty instants scatter as those of white noise so strong
+    sums = walk[0, :600].reshape(10, 60).sum(axis=1) / np.sqrt(60)
+    assert 0.3 < noise.scale[0, 3] / sums.std() < 3.0
+
+
+def test_what_all_rows_share_is_no_wander_of_one():
+    rng = np.random.default_rng(3)
+    walk = np.cumsum(0.3 * rng.standard_normal(600))
+    noise = noise_of(rng.standard_normal((4, 600)) + walk)
+    np.testing.assert_allclose(noise.scale, noise.white_scale, rtol=0.15)
+    alone = noise_of(rng.standard_normal((1, 600)) + walk)
+    np.testing.assert_array_equal(alone.scale, alone.white_scale)

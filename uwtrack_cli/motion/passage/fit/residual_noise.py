@@ -34,7 +34,10 @@ class BlockNoise:
     weight: FloatArray
     """Inverse variances for the next round, shape (batch, rows, n)."""
     scale: FloatArray
-    """Deviation of a row over its nominal one, shape (batch, rows)."""
+    """Deviation of a row over its nominal one, shape (batch, rows): in a sum over a
+    passage, with what the row wanders by itself."""
+    white_scale: FloatArray
+    """The same of what changes from one measurement to the next, shape (batch, rows)."""
     common_variance: FloatArray
     """Variance common to all rows of an instant, shape (batch,)."""
     long_run_variance: FloatArray
@@ -73,10 +76,8 @@ def block_noises(
         noise out of the weights (for a fit that knows its covariance).
     """
     kinds = blocks.kinds
-    scale = neighbour_scale(residual, blocks.weight, blocks.correlation)
-    scale = scale * _wander(
-        residual, blocks.weight, scale, kinds, blocks.time_s, passage_s
-    )
+    white = neighbour_scale(residual, blocks.weight, blocks.correlation)
+    scale = white * _wander(residual, blocks, white, passage_s)
     precision = blocks.weight / scale[..., None] ** 2
     root = np.sqrt(precision)
     deviation = residual * root
@@ -106,8 +107,8 @@ def block_noises(
     cost = (cost + _loss(deviation)) @ kinds.T
     first, second, third = (
         BlockNoise(
-            weight[:, rows], scale[:, rows], common[:, kind], slow[:, kind],
-            inflation[:, kind], cost[:, kind],
+            weight[:, rows], scale[:, rows], white[:, rows], common[:, kind],
+            slow[:, kind], inflation[:, kind], cost[:, kind],
         )
         for kind, rows in enumerate(blocks.parts)
     )  # fmt: skip
@@ -115,12 +116,7 @@ def block_noises(
 
 
 def _wander(
-    residual: FloatArray,
-    weight: FloatArray,
-    scale: FloatArray,
-    kinds: FloatArray,
-    time_s: FloatArray,
-    passage_s: float,
+    residual: FloatArray, blocks: Blocks, scale: FloatArray, passage_s: float
 ) -> FloatArray:
     """Return by how much more than its neighbours tell a row scatters over a passage.
 
@@ -128,10 +124,11 @@ def _wander(
     and a row alone has nothing to be held against. Returned is a factor on the scale of
     every row, shape (batch, rows).
     """
+    kinds = blocks.kinds
     rows = kinds.sum(axis=-1) @ kinds > 1
-    precision = weight / scale[..., None] ** 2
     if not rows.any():
         return np.ones(scale.shape)
+    precision = blocks.weight / scale[..., None] ** 2
     deviation = residual * np.sqrt(precision)
     typical = np.maximum(median_scale(deviation, precision), 1.0)[..., None]
     kept = np.where(bisquare_weight(deviation / typical) > 0, precision, 0.0)
@@ -144,7 +141,7 @@ def _wander(
         total = kinds @ weight
         mean = (kinds @ (weight * residual)) / np.where(total > 0, total, 1.0)
         apart = (residual - kinds.T @ mean)[..., rows, :]
-        own = long_run_excess(apart, kept[..., rows, :], time_s, passage_s)
+        own = long_run_excess(apart, kept[..., rows, :], blocks.time_s, passage_s)
         variance[..., rows] = 1 + mean_precision[..., rows] * own
     return np.sqrt(variance)
 

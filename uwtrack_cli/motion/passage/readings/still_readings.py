@@ -265,9 +265,12 @@ def still_frequencies(fit: PassageFit, blocks: Blocks) -> StillFrequencies | Non
         beside(RAMP, *_ramp(condensed, constants, precision, time_s)),
         *(beside(STEP, late, profile) for late, profile in steps.shared()),
     ]
-    for changed, profile, row in steps.of_one():
+    # what one line does by itself is a step or its wander: no wander is taken for granted
+    white_scale = fit.noises[0].white_scale[0]
+    alone = _Steps(values, (weight / white_scale[:, None] ** 2)[:, used])
+    for changed, profile, row in alone.of_one():
         left = without(values - changed)
-        gain = steps.gain_within(row, values[row] - changed[row], time_s, width_s)
+        gain = alone.gain_within(row, values[row] - changed[row], time_s, width_s)
         count = len(values)
         variants.append(
             Variant(JOINED, left, constants, None, STEP, profile, count, gain)
