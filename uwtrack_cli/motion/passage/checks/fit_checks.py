@@ -9,13 +9,15 @@
 * *Lines that do not take part.* Each line, with its bearings, is read by the passage and as
   standing still. Where more than half of them prefer to stand still, the contact is not
   the one vessel that the others show.
-* *Influence.* The passage is fitted to its two halves. Where the answers disagree by more
-  than they should, the deviations grow by that ratio (Birge 1932).
+* *Influence.* The passage is fitted to its two halves, and without each line. Where the
+  answers disagree by more than they should, the deviations grow by that ratio (Birge
+  1932); what a subset moves an answer by has the difference of both variances (Hausman
+  1978).
 
 **Conventions.** Times count from the first sample. One data set, the fit's one row.
 
 **References.** Gelman et al. (2013), Bayesian Data Analysis, ch. 6; Birge (1932), Phys.
-Rev. 40, 207.
+Rev. 40, 207; Hausman (1978), Econometrica 46, 1251.
 """
 
 from dataclasses import replace
@@ -44,12 +46,21 @@ HALF_NORMAL = 0.455
 CHANCE = 2.0
 """Disagreement of the halves, in deviations, that is not yet a misfit."""
 
+CHANCE_OF_LINES = 3.0
+"""The same without one of several lines: one of them is more often far off by chance."""
+
+SMALLEST_ADDED = 0.5
+"""Share of the variance without a line that its absence adds at least."""
+
 STANDS_STILL = 9.2
 """Gain in log-likelihood by which a line prefers to stand still: a passage that it takes
 part in loses as much in one of ten thousand, having no unknowns of its own to lose."""
 
 WILDEST = 3.0
 """Deviations beyond which a measurement counts no more for or against that."""
+
+MOST_LINES = 8
+"""Lines that are left out in turn, the best measured ones."""
 
 
 def check_fit(candidate: CandidatePassage) -> CandidatePassage:
@@ -176,13 +187,15 @@ def _numbers(fit: PassageFit, time_s: FloatArray) -> IntArray:
 
 
 def _influence(fit: PassageFit, blocks: Blocks) -> FloatArray:
-    """Return factors on the four standard deviations by the two halves."""
+    """Return factors on the four standard deviations by halves and single lines."""
     is_late = blocks.time_s > _heard_s(fit)
     early, late = (_refit(fit, blocks, keep) for keep in (~is_late, is_late))
-    if early is None or late is None:
-        return np.ones(4)
-    (first, a), (second, b) = early, late
-    return np.asarray(np.fmax(1.0, _apart(first, second) / np.sqrt(a + b) / CHANCE))
+    factor = np.ones(4)
+    if early is not None and late is not None:
+        (first, a), (second, b) = early, late
+        apart = _apart(first, second) / np.sqrt(a + b)
+        factor = np.fmax(1.0, apart / CHANCE)
+    return np.fmax(factor, _without_each_line(fit, blocks))
 
 
 def _apart(one: FloatArray, other: FloatArray) -> FloatArray:
@@ -192,11 +205,47 @@ def _apart(one: FloatArray, other: FloatArray) -> FloatArray:
     return np.abs(apart)
 
 
+def _without_each_line(fit: PassageFit, blocks: Blocks) -> FloatArray:
+    """Return factors on the four deviations by leaving out lines.
+
+    What a line moves the answer by has the variance that its absence adds.
+    """
+    weight = blocks.shift.weight[0].sum(axis=1)
+    best = np.argsort(-weight)[:MOST_LINES]
+    best = best[weight[best] > 0]
+    factor = np.ones(4)
+    if best.size < 2:
+        return factor
+    whole, own = _answer(fit)
+    for line in best:
+        kept = np.ones(weight.size, np.bool_)
+        kept[line] = False
+        found = _refit(fit, blocks, np.ones(blocks.time_s.size, np.bool_), kept)
+        if found is not None:
+            added = np.maximum(
+                found[1] - own, SMALLEST_ADDED * np.maximum(found[1], own)
+            )
+            moved = _apart(found[0], whole) / np.sqrt(added)
+            factor = np.fmax(factor, moved / CHANCE_OF_LINES)
+    return factor
+
+
 def _refit(
-    fit: PassageFit, blocks: Blocks, instants: BoolArray
+    fit: PassageFit,
+    blocks: Blocks,
+    instants: BoolArray,
+    kept_lines: BoolArray | None = None,
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Fit a part of the measurements; the four answers with their variances."""
-    part = replace(blocks, weight=blocks.weight * instants)
+    """Fit a part of the measurements; the four answers with their variances.
+
+    A line is left out with its bearings, if it has its own.
+    """
+    weight = blocks.weight * instants
+    if kept_lines is not None:
+        weight[:, blocks.parts[0]] *= kept_lines[:, None]
+        if blocks.count[1] == blocks.count[0]:
+            weight[:, blocks.parts[1]] *= kept_lines[:, None]
+    part = replace(blocks, weight=weight)
     if np.count_nonzero(part.shift.weight.any(axis=(0, 1))) < 2 * FEWEST_BLOCKS:
         return None
     found = fit_passage(part, fit.theta, fit.turn, fit.medium, change=fit.change)

@@ -143,8 +143,7 @@ def _wander(
         apart = (residual - kinds.T @ mean)[..., rows, :]
         own = long_run_excess(apart, kept[..., rows, :], blocks.time_s, passage_s)
         variance[..., rows] = 1 + mean_precision[..., rows] * own
-    factor: FloatArray = np.sqrt(variance)
-    return factor
+    return np.sqrt(variance)
 
 
 def rough_weight(residual: FloatArray, blocks: Blocks) -> FloatArray:
