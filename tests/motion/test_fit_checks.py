@@ -166,17 +166,16 @@ def test_bearings_decide_whether_two_contacts_are_one_vessel():
     assert told[9].rejection.code == "duplicate"
 
 
-def test_a_line_whose_bearings_are_anothers_hardly_moves_the_course():
-    """It is held against the others, and counts by what it differs from them."""
+def test_a_line_whose_bearings_are_anothers_widens_the_course():
+    """By what the course moves without it; the fit alone would be sure of the mean."""
     lines = lines_of(replace(SCENE, rest_hz=(120.0, 180.0, 240.0)))
     strange = lines.line == lines.line_id[2]
     turned = np.where(strange, 15.0, 0.0) + lines.measured_bearing_deg
     mixed = replace(lines, measured_bearing_deg=turned % 360.0)
     alone, wider = (find_encounters(one, None, DIFAR) for one in (lines, mixed))
     off = wider.course_deg[0] - alone.course_deg[0]
-    assert abs(off) < min(2.0 * wider.course_std_deg[0], 1.0)
-    assert wider.course_std_deg[0] > alone.course_std_deg[0]
-
+    assert 2.0 < abs(off) < 3.0 * wider.course_std_deg[0]
+    assert wider.course_std_deg[0] > 1.5 * alone.course_std_deg[0]
 
 
 @pytest.mark.parametrize(("width_s", "turns"), [(1842.0, False), (388.0, True)])

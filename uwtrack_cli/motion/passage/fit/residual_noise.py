@@ -120,9 +120,12 @@ def _wander(
 ) -> FloatArray:
     """Return by how much more than its neighbours tell a row scatters over a passage.
 
-    Each row is held against the mean of its kind: what all rows share is not its own,
-    and a row alone has nothing to be held against. Returned is a factor on the scale of
-    every row, shape (batch, rows).
+    A row that scatters less from step to step than it states is believed beyond that only
+    as far as its sums over a passage bear it out. It is held against the mean of its
+    kind: what all rows share is not its own, and a row alone has nothing to be held
+    against. Returned is a factor on the scale of every row, shape (batch, rows), which
+    brings it to what it states at most: what wanders farther is a second source, and for
+    others to tell.
     """
     kinds = blocks.kinds
     rows = kinds.sum(axis=-1) @ kinds > 1
@@ -138,12 +141,16 @@ def _wander(
     variance = np.maximum(1.0 / scale**2, 1.0)
     for _ in range(2):
         weight = kept / variance[..., None]
-        total = kinds @ weight
-        mean = (kinds @ (weight * residual)) / np.where(total > 0, total, 1.0)
-        apart = (residual - kinds.T @ mean)[..., rows, :]
-        own = long_run_excess(apart, kept[..., rows, :], blocks.time_s, passage_s)
+        others = np.maximum(kinds.T @ (kinds @ weight) - weight, 0.0)
+        mean = kinds.T @ (kinds @ (weight * residual)) - weight * residual
+        apart = residual - mean / np.where(others > 0, others, 1.0)
+        precision = kept * others / np.where(kept > 0, kept + others, 1.0)
+        own = long_run_excess(
+            apart[..., rows, :], precision[..., rows, :], blocks.time_s, passage_s
+        )
         variance[..., rows] = 1 + mean_precision[..., rows] * own
-    return np.sqrt(variance)
+    factor: FloatArray = np.minimum(np.sqrt(variance), np.maximum(1.0 / scale, 1.0))
+    return factor
 
 
 def rough_weight(residual: FloatArray, blocks: Blocks) -> FloatArray:
