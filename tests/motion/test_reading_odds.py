@@ -383,11 +383,8 @@ def test_steps_of_lines_are_weighed_by_the_scatter_of_each(monkeypatch):
 
     monkeypatch.setattr(still, "_Steps", Steps)
     found = still.still_frequencies(fit, blocks)
-    (value, precision), (again, of_one) = seen
+    ((value, precision),) = seen
     scale = fit.noises[0].scale[0]
-    white = fit.noises[0].white_scale[0]
-    np.testing.assert_allclose(of_one, blocks.shift.weight[0] / white[:, None] ** 2)
-    np.testing.assert_array_equal(again, value)
     np.testing.assert_allclose(precision, blocks.shift.weight[0] / scale[:, None] ** 2)
     np.testing.assert_allclose(value, blocks.shift.value[0])
     np.testing.assert_allclose(found.precision, precision.sum(axis=0))

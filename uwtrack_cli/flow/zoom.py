@@ -38,13 +38,12 @@ from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.flow.engine import Engine, MemorySink, context_of
 from uwtrack_cli.flow.graph import Graph
 from uwtrack_cli.flow.shipped_recipes import load_recipe
-from uwtrack_cli.motion.competition import compete
+from uwtrack_cli.motion.competition import LEVEL_ONLY, compete
 from uwtrack_cli.motion.decision import LEAST_PROBABILITY
 from uwtrack_cli.motion.explained_lines import unexplained
 from uwtrack_cli.motion.options import Probability
 from uwtrack_cli.motion.passage.checks.sub_bands import agreement
 from uwtrack_cli.motion.passage.checks.usual_rises import stands_out
-from uwtrack_cli.motion.passage.encounter_rows import LEVEL_ONLY
 
 RECIPES = ("small-craft", "vehicle")
 """Recipes that look again: frames of a quarter and a tenth of a second."""

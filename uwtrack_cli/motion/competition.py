@@ -3,7 +3,8 @@
 **Method.** Frames of different lengths see one passage, each in its own way: tables of
 closest approaches are added one after the other, and a row competes with those of the
 tables before it that claim the same time. Rows that agree are one passage, and the one
-with the smaller deviations is kept. Where they do not agree, the more probable one wins.
+with the smaller deviations is kept. Where they do not agree, the more probable one
+wins. Lines beat levels, since the sound itself was asked of them.
 What loses is no closest approach any more, and the reason says so.
 
 **Conventions.** Rows of one table never compete: they are told apart already. Times
@@ -35,6 +36,8 @@ COMPARED = (
     ("speed_mps", "speed_std_mps"),
 )
 """Columns in which rows agree or not, and those of their deviations."""
+
+LEVEL_ONLY = "level-only"
 
 STAYS = Rejection("", "")
 """What says that a row is not beaten by another."""
@@ -118,11 +121,15 @@ def _spread(one: float, two: float) -> float:
 def _beaten(one: Encounters, k: int, two: Encounters, n: int) -> Rejection | None:
     """Return why the second row beats the first, None if both agree; `STAYS` if not."""
     sharper = two.range_over_speed_std_s[n] < one.range_over_speed_std_s[k]
-    if _agree(one, k, two, n):
-        return None if sharper else STAYS
+    have_lines = [one.status[k] != LEVEL_ONLY, two.status[n] != LEVEL_ONLY]
     odds = [_probability(*pair) for pair in ((one, k), (two, n))]
-    words = f"which is more probable ({odds[1]:.2f} against {odds[0]:.2f})"
-    wins = odds[1] > odds[0]
+    if have_lines[0] != have_lines[1]:
+        wins, words = have_lines[1], "which lines confirm"
+    elif _agree(one, k, two, n):
+        return None if sharper else STAYS
+    else:
+        wins = odds[1] > odds[0]
+        words = f"which is more probable ({odds[1]:.2f} against {odds[0]:.2f})"
     return reject(OTHER_RESOLUTION, better=words) if wins else STAYS
 
 

@@ -853,7 +853,7 @@ def own_motion_gain(candidate: CandidatePassage) -> FloatArray:
     if blocks.count[0] == blocks.count[1]:  # every line has its own
         kinds.append((bearing, blocks.bearing, 1, law.angle_d[0, :, :3]))
     for residual, block, noise, slope in kinds:
-        weight = block.weight[0] / fit.noises[noise].white_scale[0][:, None] ** 2
+        weight = block.weight[0] / fit.noises[noise].scale[0][:, None] ** 2
         total = np.maximum(weight.sum(axis=0), 1e-300)
         own = residual - (weight * residual).sum(axis=0) / total
         gain += _projected(own, weight, slope)

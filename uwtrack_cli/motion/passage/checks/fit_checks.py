@@ -108,7 +108,7 @@ def doppler_misfit(fit: PassageFit, blocks: Blocks) -> float:
         line or block counts little. nan where no line has enough blocks.
     """
     law = fit.law(blocks.time_s)
-    weight = blocks.shift.weight[0] / fit.noises[0].white_scale[0][:, None] ** 2
+    weight = blocks.shift.weight[0] / fit.noises[0].scale[0][:, None] ** 2
     weight = weight * _near(fit, blocks.time_s)
     number = _numbers(fit, blocks.time_s)
     departures = []
@@ -143,7 +143,7 @@ def count_stationary_lines(fit: PassageFit, blocks: Blocks) -> tuple[int, int]:
     gain = np.zeros(blocks.shift.value.shape[1])
     own = blocks.count[0] == blocks.count[1]  # every line has its own bearings
     for number, block in enumerate((blocks.shift, bearing)[: 1 + own]):
-        weight = block.weight[0] / fit.noises[number].white_scale[0][:, None] ** 2
+        weight = block.weight[0] / fit.noises[number].scale[0][:, None] ** 2
         gain += _square(passing[number], weight) - _square(resting[number], weight)
     known = blocks.shift.weight[0].any(axis=1)
     still = int(np.count_nonzero(0.5 * gain[known] > STANDS_STILL))

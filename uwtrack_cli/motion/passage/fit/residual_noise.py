@@ -1,10 +1,9 @@
 """Noise of the three kinds of measurement, judged from the residuals of a fit.
 
-**Method.** A scale per row from neighbouring residuals and from what the row wanders by
-itself (a line that was traced through noise is smooth and goes anywhere), a variance
-common to all rows of an instant (a shaft whose speed jitters moves all its lines
-together), and the long-run excess of that common part, which decides how uncertain a
-sum over a passage is. Outliers get Tukey's weights.
+**Method.** A scale per row from neighbouring residuals, a variance common to all rows
+of an instant (a shaft whose speed jitters moves all its lines together), and the
+long-run excess of that common part, which decides how uncertain a sum over a passage
+is. Outliers get Tukey's weights.
 
 **Conventions.** Arrays are (batch, rows, n) with the rows of all kinds under one
 another; precision is an inverse variance, zero where a value is missing.
@@ -34,10 +33,8 @@ class BlockNoise:
     weight: FloatArray
     """Inverse variances for the next round, shape (batch, rows, n)."""
     scale: FloatArray
-    """Deviation of a row over its nominal one, shape (batch, rows): in a sum over a
-    passage, with what the row wanders by itself."""
-    white_scale: FloatArray
-    """The same of what changes from one measurement to the next, shape (batch, rows)."""
+    """Deviation of a row over its nominal one, shape (batch, rows); frequencies are no
+    better than stated."""
     common_variance: FloatArray
     """Variance common to all rows of an instant, shape (batch,)."""
     long_run_variance: FloatArray
@@ -55,10 +52,7 @@ Noises = tuple[BlockNoise, BlockNoise, BlockNoise]
 
 
 def block_noises(
-    residual: FloatArray,
-    blocks: Blocks,
-    passage_s: float,
-    correlation_time_s: float | None,
+    residual: FloatArray, blocks: Blocks, correlation_time_s: float | None
 ) -> Noises:
     """Judge the noise of the three kinds of measurement.
 
@@ -68,16 +62,16 @@ def block_noises(
         Measured less modelled, shape (batch, rows, n).
     blocks
         The measurements with their nominal inverse variances.
-    passage_s
-        Time over which what a row wanders by itself is summed, seconds.
     correlation_time_s
         Longest correlation time of coloured noise to allow for, seconds; None treats
         the common part as independent from instant to instant, and zero leaves coloured
         noise out of the weights (for a fit that knows its covariance).
     """
     kinds = blocks.kinds
-    white = neighbour_scale(residual, blocks.weight, blocks.correlation)
-    scale = white * _wander(residual, blocks, white, passage_s)
+    scale = neighbour_scale(residual, blocks.weight, blocks.correlation)
+    # what is smoother than its bound was followed through noise: it wanders unseen
+    frequencies = blocks.parts[0]
+    scale[..., frequencies] = np.maximum(scale[..., frequencies], 1.0)
     precision = blocks.weight / scale[..., None] ** 2
     root = np.sqrt(precision)
     deviation = residual * root
@@ -107,50 +101,12 @@ def block_noises(
     cost = (cost + _loss(deviation)) @ kinds.T
     first, second, third = (
         BlockNoise(
-            weight[:, rows], scale[:, rows], white[:, rows], common[:, kind],
-            slow[:, kind], inflation[:, kind], cost[:, kind],
+            weight[:, rows], scale[:, rows], common[:, kind], slow[:, kind],
+            inflation[:, kind], cost[:, kind],
         )
         for kind, rows in enumerate(blocks.parts)
     )  # fmt: skip
     return first, second, third
-
-
-def _wander(
-    residual: FloatArray, blocks: Blocks, scale: FloatArray, passage_s: float
-) -> FloatArray:
-    """Return by how much more than its neighbours tell a row scatters over a passage.
-
-    A row that scatters less from step to step than it states is believed beyond that only
-    as far as its sums over a passage bear it out. It is held against the mean of its
-    kind: what all rows share is not its own, and a row alone has nothing to be held
-    against. Returned is a factor on the scale of every row, shape (batch, rows), which
-    brings it to what it states at most: what wanders farther is a second source, and for
-    others to tell.
-    """
-    kinds = blocks.kinds
-    rows = kinds.sum(axis=-1) @ kinds > 1
-    if not rows.any():
-        return np.ones(scale.shape)
-    precision = blocks.weight / scale[..., None] ** 2
-    deviation = residual * np.sqrt(precision)
-    typical = np.maximum(median_scale(deviation, precision), 1.0)[..., None]
-    kept = np.where(bisquare_weight(deviation / typical) > 0, precision, 0.0)
-    measured = np.maximum((kept > 0).sum(axis=-1), 1)
-    mean_precision = kept.sum(axis=-1) / measured
-    # no row is believed beyond what it states before its wander is known
-    variance = np.maximum(1.0 / scale**2, 1.0)
-    for _ in range(2):
-        weight = kept / variance[..., None]
-        others = np.maximum(kinds.T @ (kinds @ weight) - weight, 0.0)
-        mean = kinds.T @ (kinds @ (weight * residual)) - weight * residual
-        apart = residual - mean / np.where(others > 0, others, 1.0)
-        precision = kept * others / np.where(kept > 0, kept + others, 1.0)
-        own = long_run_excess(
-            apart[..., rows, :], precision[..., rows, :], blocks.time_s, passage_s
-        )
-        variance[..., rows] = 1 + mean_precision[..., rows] * own
-    factor: FloatArray = np.minimum(np.sqrt(variance), np.maximum(1.0 / scale, 1.0))
-    return factor
 
 
 def rough_weight(residual: FloatArray, blocks: Blocks) -> FloatArray:

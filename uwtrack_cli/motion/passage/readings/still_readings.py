@@ -206,10 +206,7 @@ def cost_of_motion(fit: PassageFit, blocks: Blocks) -> float:
         from the spacing to the length of them; the prior density of the speed is
         `speed_prior`. Either turn of the bearing is as likely.
     """
-    used = (blocks.weight[0] > 0).any(axis=0)
-    time_s = blocks.time_s[used]
-    span_s = float(np.ptp(time_s))
-    decades = float(np.log(span_s / np.median(np.diff(time_s))))
+    _, span_s, decades = _extent(blocks)
     count = 2 if blocks.shift.is_empty else 3
     prior = np.diag([span_s**2 / 12, decades**2 / 12, SPEED_STD_MPS**2][:count])
     unit = np.array([1.0, 1.0 / float(fit.range_over_speed_s[0]), 1.0])[:count]
@@ -220,6 +217,32 @@ def cost_of_motion(fit: PassageFit, blocks: Blocks) -> float:
     volume = 0.5 * (count * np.log(2 * np.pi) + np.linalg.slogdet(left)[1])
     sides = 0.0 if blocks.bearing.is_empty else float(np.log(2.0))
     return float(np.log(span_s * decades) + sides + SPEED_MASS - volume)
+
+
+def prior_of_place(fit: PassageFit, blocks: Blocks) -> float:
+    """Return the log-density of time and width of a fit, over that in the middle.
+
+    Normal, with the variances of the uniform priors of `cost_of_motion`: a closest
+    approach far outside the measurements is no likelier with a change than without.
+
+    Parameters
+    ----------
+    fit
+        Fit of one row.
+    blocks
+        The measurements that it was made from.
+    """
+    first_s, span_s, decades = _extent(blocks)
+    off = (float(fit.theta[0, 0]) - first_s) / span_s - 0.5
+    width = np.log(float(fit.range_over_speed_s[0]) / span_s) / decades + 0.5
+    return float(-6.0 * (off**2 + width**2))
+
+
+def _extent(blocks: Blocks) -> tuple[float, float, float]:
+    """Return begin and length of the measurements, s, and the logarithm of their number."""
+    time_s = blocks.time_s[(blocks.weight[0] > 0).any(axis=0)]
+    span_s = float(np.ptp(time_s))
+    return float(time_s[0]), span_s, float(np.log(span_s / np.median(np.diff(time_s))))
 
 
 def still_frequencies(fit: PassageFit, blocks: Blocks) -> StillFrequencies | None:
@@ -265,12 +288,9 @@ def still_frequencies(fit: PassageFit, blocks: Blocks) -> StillFrequencies | Non
         beside(RAMP, *_ramp(condensed, constants, precision, time_s)),
         *(beside(STEP, late, profile) for late, profile in steps.shared()),
     ]
-    # what one line does by itself is a step or its wander: no wander is taken for granted
-    white_scale = fit.noises[0].white_scale[0]
-    alone = _Steps(values, (weight / white_scale[:, None] ** 2)[:, used])
-    for changed, profile, row in alone.of_one():
+    for changed, profile, row in steps.of_one():
         left = without(values - changed)
-        gain = alone.gain_within(row, values[row] - changed[row], time_s, width_s)
+        gain = steps.gain_within(row, values[row] - changed[row], time_s, width_s)
         count = len(values)
         variants.append(
             Variant(JOINED, left, constants, None, STEP, profile, count, gain)
