@@ -11,13 +11,12 @@ from uwtrack_cli.motion.competition import compete
 SLOW = {
     "time_s": 100.0, "time_std_s": 0.2, "range_over_speed_s": 4.0,
     "range_over_speed_std_s": 0.2, "speed_mps": 8.0, "speed_std_mps": 0.3,
-    "rest_frame_evidence": 0.3,
+    "probability": 0.6,
 }  # fmt: skip
 """A passage of four seconds, as long frames have it."""
 
 LEVELS = {
     "status": "level-only", "speed_mps": float("nan"), "speed_std_mps": float("nan"),
-    "rest_frame_evidence": float("nan"),
 }  # fmt: skip
 
 
@@ -61,20 +60,21 @@ def test_a_row_with_levels_stays_beside_a_sharper_one_within_its_deviations(
     assert table.time_s.tolist() == [told_s]
 
 
-def test_of_answers_that_do_not_agree_the_steadier_lines_win():
+def test_of_answers_that_do_not_agree_the_more_probable_wins():
     other = SLOW | {"speed_mps": 20.0, "range_over_speed_s": 1.0}
-    sharper = other | {"rest_frame_evidence": 0.9}
+    sharper = other | {"probability": 0.9}
     rows, ((contact, _, _, reason),) = won([SLOW], [sharper])
     assert rows == [(2.0, 20.0, 1.0)]
     assert contact == 1
-    assert "0.90 against 0.30" in reason
-    blurred = other | {"rest_frame_evidence": 0.1}
+    assert "0.90 against 0.60" in reason
+    blurred = other | {"probability": 0.5}
     assert won([SLOW], [blurred]) == ([(1.0, 8.0, 4.0)], [])
 
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_lines_beat_levels(order):
-    hump = SLOW | LEVELS | {"range_over_speed_s": 2.0, "range_over_speed_std_s": 0.01}
+    hump = SLOW | LEVELS | {"probability": 0.9, "range_over_speed_s": 2.0}
+    hump |= {"range_over_speed_std_s": 0.01}
     first, second = [SLOW, hump][::order]
     ((_, speed, _),), _ = won([first], [second])
     assert speed == 8.0
@@ -106,15 +106,15 @@ def test_winners_of_one_table_get_numbers_that_nobody_has_had():
 
 
 def test_what_lost_is_refused_for_the_time_it_claimed():
-    other = SLOW | {"speed_mps": 20.0, "time_s": 101.0, "rest_frame_evidence": 0.9}
+    other = SLOW | {"speed_mps": 20.0, "time_s": 101.0, "probability": 0.9}
     _, ((contact, from_s, to_s, _),) = won([SLOW], [other])
     assert (contact, from_s, to_s) == (1, 96.0, 104.0)
 
 
 def test_three_tables_give_one_row_and_the_order_does_not_matter():
-    best = SLOW | {"rest_frame_evidence": 1.2, "speed_mps": 30.0,
+    best = SLOW | {"probability": 0.95, "speed_mps": 30.0,
                    "range_over_speed_s": 0.5}  # fmt: skip
-    middle = SLOW | {"rest_frame_evidence": 0.6, "speed_mps": 15.0}
+    middle = SLOW | {"probability": 0.8, "speed_mps": 15.0}
     for others in ([best], [middle]), ([middle], [best]):
         rows, _ = won([SLOW], *others)
         assert [row[1] for row in rows] == [30.0]

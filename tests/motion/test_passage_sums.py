@@ -372,7 +372,7 @@ def test_steps_gain_what_least_squares_say_by_all_and_by_what_is_near(reach):
     np.testing.assert_allclose(gain, expected, rtol=1e-8)
     assert np.flatnonzero(late)[0] == steps.places[int(np.argmax(expected))]
     # of one line: the likeliest of all, taken out by its size
-    changed, gains = steps.of_one()[0]
+    changed, gains, its_row = steps.of_one()[0]
     tried = {}
     for row in range(3):
         for place in steps.places:
@@ -382,6 +382,7 @@ def test_steps_gain_what_least_squares_say_by_all_and_by_what_is_near(reach):
             left, found = least(both, y, w)
             tried[row, place] = least(both[:, :1], y, w)[0] - left, found[1]
     row, place = max(tried, key=lambda key: tried[key][0])
+    assert its_row == row
     np.testing.assert_allclose(gains, [tried[row, p][0] for p in steps.places])
     away = np.zeros((3, 40))
     away[row, place:] = tried[row, place][1]

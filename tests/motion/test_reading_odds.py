@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.presence import CONSTANT, JOINED, MACHINERY
@@ -126,18 +127,38 @@ def test_evidences_are_likelihoods_less_search_and_cost(monkeypatch):
     monkeypatch.setattr(competing, "_log_likelihoods", lambda *_: gain.copy())
     monkeypatch.setattr(competing, "speed_prior", lambda fit: -1.0 - (fit is fits[2]))
     monkeypatch.setattr(competing, "cost_of_change", lambda *_: 0.7)
+    place = {id(fits[0]): -0.5, id(fits[1]): -0.8, id(fits[2]): -0.4}
+    monkeypatch.setattr(competing, "prior_of_place", lambda fit, _: place[id(fit)])
     searches = [
         None,
         *(SimpleNamespace(search=lambda g, s=s: s * g) for s in (0.1, 0.2)),
     ]
     blocks = SimpleNamespace(shift=SimpleNamespace(is_empty=False), time_s=None)
     found = competing._evidences(fits, searches, blocks)
-    expected = [-1.0, 2.5 - 1.0 - 0.25 - 0.7, 5.0 - 2.0 - 1.0 - 0.7]
+    expected = [-1.0, 2.5 - 1.0 - 0.25 - 0.7 - 0.3, 5.0 - 2.0 - 1.0 - 0.7 + 0.1]
     np.testing.assert_allclose(found, expected)
     fits[0].theta[0, 2] = 0.0
     assert competing._evidences(fits, searches, blocks)[0] == -np.inf
     blocks.shift.is_empty = True
     np.testing.assert_allclose(competing._evidences(fits, searches, blocks), gain - 7.0)
+
+
+def test_a_closest_approach_outside_the_measurements_has_a_normal_prior():
+    """Its variances are those of uniform ones: of the time, and of the logarithm of R/v."""
+    time = np.arange(0.0, 201.0, 2.0)
+    blocks = SimpleNamespace(time_s=time, weight=np.ones((1, 1, time.size)))
+    decades = np.log(100.0)
+    for at_s, width_s in ((100.0, 20.0), (-60.0, 20.0), (100.0, 500.0)):
+        fit = SimpleNamespace(
+            theta=np.array([[at_s, 0.0]]), range_over_speed_s=np.array([width_s])
+        )
+        each = ((at_s, 100.0, 200.0), (np.log(width_s), np.log(20.0), decades))
+        expected = sum(
+            norm.logpdf(x, mean, span / np.sqrt(12))
+            - norm.logpdf(mean, mean, span / np.sqrt(12))
+            for x, mean, span in each
+        )
+        assert still.prior_of_place(fit, blocks) == pytest.approx(expected)
 
 
 def test_a_search_is_worth_the_mean_of_what_its_instants_would_gain():

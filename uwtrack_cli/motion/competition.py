@@ -3,10 +3,9 @@
 **Method.** Frames of different lengths see one passage, each in its own way: tables of
 closest approaches are added one after the other, and a row competes with those of the
 tables before it that claim the same time. Rows that agree are one passage, and the one
-with the smaller deviations is kept. Where they do not agree, lines beat levels, since
-the sound itself was asked of them, and of two with lines the one whose lines are
-steadier in the vessel's own time wins (`rest_frame_evidence`). What loses is no closest
-approach any more, and the reason says so.
+with the smaller deviations is kept. Where they do not agree, the more probable one
+wins. Lines beat levels, since the sound itself was asked of them.
+What loses is no closest approach any more, and the reason says so.
 
 **Conventions.** Rows of one table never compete: they are told apart already. Times
 count from the first sample.
@@ -123,24 +122,14 @@ def _beaten(one: Encounters, k: int, two: Encounters, n: int) -> Rejection | Non
     """Return why the second row beats the first, None if both agree; `STAYS` if not."""
     sharper = two.range_over_speed_std_s[n] < one.range_over_speed_std_s[k]
     have_lines = [one.status[k] != LEVEL_ONLY, two.status[n] != LEVEL_ONLY]
+    odds = [_probability(*pair) for pair in ((one, k), (two, n))]
     if have_lines[0] != have_lines[1]:
         wins, words = have_lines[1], "which lines confirm"
     elif _agree(one, k, two, n):
         return None if sharper else STAYS
-    elif not any(have_lines):
-        odds = [_probability(*pair) for pair in ((one, k), (two, n))]
-        wins, words = odds[1] > odds[0], f"which is more probable ({odds[1]:.2f})"
     else:
-        evidence = [
-            -np.inf if table.rest_frame_evidence is None
-            else float(np.nan_to_num(table.rest_frame_evidence[row], nan=-np.inf))
-            for table, row in ((one, k), (two, n))
-        ]  # fmt: skip
-        wins = evidence[1] > evidence[0]
-        words = (
-            f"in which the lines are steadier in the vessel's own time (rest-frame "
-            f"evidence {evidence[1]:.2f} against {evidence[0]:.2f})"
-        )
+        wins = odds[1] > odds[0]
+        words = f"which is more probable ({odds[1]:.2f} against {odds[0]:.2f})"
     return reject(OTHER_RESOLUTION, better=words) if wins else STAYS
 
 

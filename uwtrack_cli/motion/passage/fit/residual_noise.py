@@ -33,7 +33,8 @@ class BlockNoise:
     weight: FloatArray
     """Inverse variances for the next round, shape (batch, rows, n)."""
     scale: FloatArray
-    """Deviation of a row over its nominal one, shape (batch, rows)."""
+    """Deviation of a row over its nominal one, shape (batch, rows); frequencies are no
+    better than stated."""
     common_variance: FloatArray
     """Variance common to all rows of an instant, shape (batch,)."""
     long_run_variance: FloatArray
@@ -68,6 +69,9 @@ def block_noises(
     """
     kinds = blocks.kinds
     scale = neighbour_scale(residual, blocks.weight, blocks.correlation)
+    # what is smoother than its bound was followed through noise: it wanders unseen
+    frequencies = blocks.parts[0]
+    scale[..., frequencies] = np.maximum(scale[..., frequencies], 1.0)
     precision = blocks.weight / scale[..., None] ** 2
     root = np.sqrt(precision)
     deviation = residual * root

@@ -71,6 +71,7 @@ from uwtrack_cli.motion.passage.readings.change_scores import (
 from uwtrack_cli.motion.passage.readings.reading_mixture import SMALLEST_WEIGHT, mixed
 from uwtrack_cli.motion.passage.readings.still_readings import (
     cost_of_motion,
+    prior_of_place,
     still_evidences,
     still_frequencies,
 )
@@ -324,8 +325,10 @@ def _evidences(
         return value
     if fits[0].theta[0, 2] <= 0:
         value[0] = -np.inf
+    there = prior_of_place(fits[0], blocks)
     for place, searched in enumerate(searches):
         value[place] += speed_prior(fits[place])
+        value[place] += prior_of_place(fits[place], blocks) - there
         if searched is not None:
             value[place] -= searched.search(float(gain[place]))
             value[place] -= cost_of_change(fits[place], blocks.time_s)

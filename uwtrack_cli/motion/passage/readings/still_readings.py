@@ -61,9 +61,6 @@ CONTRAST = 8
 SPEED_STD_MPS = 10.0
 """Deviation of the speed before it is measured, for the volume of what is left of it."""
 
-N_ROUNDS = 4
-"""Rounds that tell the constants of the lines from what they share."""
-
 
 class Variant(NamedTuple):
     """One way in which frequencies change where nothing passes."""
@@ -209,10 +206,7 @@ def cost_of_motion(fit: PassageFit, blocks: Blocks) -> float:
         from the spacing to the length of them; the prior density of the speed is
         `speed_prior`. Either turn of the bearing is as likely.
     """
-    used = (blocks.weight[0] > 0).any(axis=0)
-    time_s = blocks.time_s[used]
-    span_s = float(np.ptp(time_s))
-    decades = float(np.log(span_s / np.median(np.diff(time_s))))
+    _, span_s, decades = _extent(blocks)
     count = 2 if blocks.shift.is_empty else 3
     prior = np.diag([span_s**2 / 12, decades**2 / 12, SPEED_STD_MPS**2][:count])
     unit = np.array([1.0, 1.0 / float(fit.range_over_speed_s[0]), 1.0])[:count]
@@ -223,6 +217,32 @@ def cost_of_motion(fit: PassageFit, blocks: Blocks) -> float:
     volume = 0.5 * (count * np.log(2 * np.pi) + np.linalg.slogdet(left)[1])
     sides = 0.0 if blocks.bearing.is_empty else float(np.log(2.0))
     return float(np.log(span_s * decades) + sides + SPEED_MASS - volume)
+
+
+def prior_of_place(fit: PassageFit, blocks: Blocks) -> float:
+    """Return the log-density of time and width of a fit, over that in the middle.
+
+    Normal, with the variances of the uniform priors of `cost_of_motion`: a closest
+    approach far outside the measurements is no likelier with a change than without.
+
+    Parameters
+    ----------
+    fit
+        Fit of one row.
+    blocks
+        The measurements that it was made from.
+    """
+    first_s, span_s, decades = _extent(blocks)
+    off = (float(fit.theta[0, 0]) - first_s) / span_s - 0.5
+    width = np.log(float(fit.range_over_speed_s[0]) / span_s) / decades + 0.5
+    return float(-6.0 * (off**2 + width**2))
+
+
+def _extent(blocks: Blocks) -> tuple[float, float, float]:
+    """Return begin and length of the measurements, s, and the logarithm of their number."""
+    time_s = blocks.time_s[(blocks.weight[0] > 0).any(axis=0)]
+    span_s = float(np.ptp(time_s))
+    return float(time_s[0]), span_s, float(np.log(span_s / np.median(np.diff(time_s))))
 
 
 def still_frequencies(fit: PassageFit, blocks: Blocks) -> StillFrequencies | None:
@@ -268,10 +288,9 @@ def still_frequencies(fit: PassageFit, blocks: Blocks) -> StillFrequencies | Non
         beside(RAMP, *_ramp(condensed, constants, precision, time_s)),
         *(beside(STEP, late, profile) for late, profile in steps.shared()),
     ]
-    apart = _within(values, row_precision)
-    for changed, profile in steps.of_one():
+    for changed, profile, row in steps.of_one():
         left = without(values - changed)
-        gain = _within(changed, row_precision) - apart
+        gain = steps.gain_within(row, values[row] - changed[row], time_s, width_s)
         count = len(values)
         variants.append(
             Variant(JOINED, left, constants, None, STEP, profile, count, gain)
@@ -316,8 +335,8 @@ class _Steps:
             found.append((late, gain))
         return found
 
-    def of_one(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Return the values without the likeliest step of one line, with its gains.
+    def of_one(self) -> list[tuple[FloatArray, FloatArray, int]]:
+        """Return values without the likeliest step of one line, its gains and its row.
 
         One by the line itself, and one by its distance from what the others share.
         """
@@ -334,8 +353,34 @@ class _Steps:
             size = right[row, at] / max(float(information[row, at]), 1e-300)
             changed = self.value.copy()
             changed[row, self.places[at] :] -= size
-            found.append((changed, gain[row]))
+            found.append((changed, gain[row], int(row)))
         return found
+
+    def gain_within(
+        self, row: int, step: FloatArray, time_s: FloatArray, width_s: float
+    ) -> float:
+        """Return what a step of one line gains in its distance from the others.
+
+        The distance has noise of its own, white or coloured: a line that wanders by
+        itself does so whatever passes, and no step is credited with it. What the others
+        do not share among themselves is the same with the step and without.
+        """
+        value, precision = (part[row] for part in self._apart())
+        used = precision > 0
+        if not used.any():  # nobody is heard beside it
+            return 0.0
+        value, precision = value[used], precision[used]
+        left = [
+            clip_wild(one - (precision @ one) / precision.sum(), precision)
+            for one in (value, value - step[used])
+        ]
+        constant = np.ones((value.size, 1))
+        white, coloured = likelihoods_by_noise(
+            [(one, constant) for one in left], precision, time_s[used], width_s,
+            smooth=True,
+        )  # fmt: skip
+        stays, steps = np.logaddexp(white, coloured - COLOUR_COST)
+        return float(steps - stays)
 
     def _apart(self) -> tuple[FloatArray, FloatArray]:
         """Return each line less the mean of the others, with its precision."""
@@ -387,24 +432,6 @@ def _size(
         np.column_stack([constants, shape]) * root, value * root[:, 0], rcond=None
     )
     return float(found[-1])
-
-
-def _within(value: FloatArray, precision: FloatArray) -> float:
-    """Return the log-likelihood of what the lines do not share, wild values held back."""
-    if value.shape[0] < 2:
-        return 0.0
-    shared: FloatArray = np.zeros(value.shape[1])
-    total = np.maximum(precision.sum(axis=0), 1e-300)
-    for _ in range(N_ROUNDS):
-        left = value - shared
-        left = left - _middle(left, precision)[:, None]
-        shared = shared + (precision * left).sum(axis=0) / total
-    left = value - shared
-    kept = clip_wild(left - _middle(left, precision)[:, None], precision)
-    square = float((precision * kept**2).sum())
-    freedom = (precision > 0).sum() - (precision.sum(axis=0) > 0).sum()
-    inflation = max(square / max(float(freedom), 1.0), 1.0)
-    return -0.5 * (square / inflation + float(freedom) * float(np.log(inflation)))
 
 
 def _ramp(
