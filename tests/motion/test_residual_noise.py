@@ -20,18 +20,32 @@ def test_a_row_of_one_measurement_keeps_its_nominal_weight():
     assert abs(np.median(weight[0, 0]) - 4.0 / 9.0) < 0.1 * 4.0 / 9.0
 
 
-def test_a_course_smoother_than_its_bound_weighs_no_more_than_stated():
-    """A path through noise: neighbours differ by a tenth of what each is known to."""
-    rng = np.random.default_rng(2)
-    clear = 2.0 * rng.standard_normal((1, 600))
-    walk = np.cumsum(0.1 * rng.standard_normal((1, 600)), axis=1)
-    residual = np.concatenate([clear, walk, walk])[None]
+def noise_of(residual):
+    """Judge one data set whose rows are frequencies of nominal deviation one."""
+    rows, count = residual.shape
     blocks = SimpleNamespace(
-        weight=np.ones((1, 3, 600)), correlation=np.zeros(3),
-        time_s=np.arange(600.0), kinds=np.eye(3)[:, [0, 0, 1]],
-        parts=(slice(0, 2), slice(2, 3), slice(3, 3)),
+        weight=np.ones((1, rows, count)), correlation=np.zeros(rows),
+        time_s=np.arange(count, dtype=float), kinds=np.eye(3)[:, [0] * rows],
+        parts=(slice(0, rows), slice(rows, rows), slice(rows, rows)),
     )  # fmt: skip
-    frequencies, bearings, _ = block_noises(residual, blocks, 0.0)
-    assert abs(frequencies.scale[0, 0] - 2.0) < 0.1
-    assert frequencies.scale[0, 1] == 1.0
-    assert bearings.scale[0, 0] < 0.3
+    return block_noises(residual[None], blocks, 60.0, None)[0].scale[0]
+
+
+def test_a_line_that_wanders_by_itself_is_not_believed_beyond_what_it_states():
+    """A smooth course through noise: its neighbours differ little, its sums by much."""
+    rng = np.random.default_rng(2)
+    clear = 2.0 * rng.standard_normal((3, 600))
+    walk = np.cumsum(0.1 * rng.standard_normal((1, 600)), axis=1)
+    fine = 0.3 * rng.standard_normal((1, 600))
+    scale = noise_of(np.concatenate([clear, walk - walk.mean(), fine]))
+    assert np.all(np.abs(scale[:3] - 2.0) < 0.2)
+    assert scale[3] == 1.0
+    # what scatters little over a passage, too, keeps its weight
+    assert abs(scale[4] - 0.3) < 0.05
+
+
+def test_what_all_lines_share_is_no_wander_of_one():
+    rng = np.random.default_rng(3)
+    walk = np.cumsum(0.1 * rng.standard_normal(600))
+    assert np.all(noise_of(0.5 * rng.standard_normal((4, 600)) + walk) < 0.6)
+    assert noise_of(walk[None])[0] < 0.3

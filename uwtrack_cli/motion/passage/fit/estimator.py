@@ -195,12 +195,10 @@ def fit_passage(
         data = weigh(state, weight, blocks, fixed)
         theta, normal = _descend(theta, data, medium, state.law, 8, ROUGH_TOLERANCE)
         state = passage_state(theta, fixed, blocks, medium, weight, normal)
-    correlation_time = (
-        _longest_correlation_time_s(theta, blocks, medium)
-        if with_coloured_noise
-        else None
+    longest = _longest_correlation_time_s(theta, blocks, medium)
+    noises = block_noises(
+        state.residual, blocks, longest, longest if with_coloured_noise else None
     )
-    noises = block_noises(state.residual, blocks, correlation_time)
     weight = weight_of(noises)
     data = weigh(state, weight, blocks, fixed)
     theta, normal = _descend(theta, data, medium, state.law, 25)
@@ -344,9 +342,10 @@ def fit_with_coloured_noise(
     # levels alone know nothing better: what patterns do to them is considered afterwards
     has_patterns = not (blocks.level.is_empty or blocks.shift.is_empty)
     state = passage_state(theta, fixed, blocks, medium, weight_of(noises))
+    longest = _longest_correlation_time_s(theta, blocks, medium)
     # what a pattern has moved leaves residuals that look like noise: first without any
     for number in range(-1 if has_patterns else 0, rounds):
-        noises = block_noises(state.residual, blocks, 0.0)
+        noises = block_noises(state.residual, blocks, longest, 0.0)
         weight = weight_of(noises)
         data = weigh(state, weight, blocks, fixed)
         if has_patterns:
@@ -411,7 +410,7 @@ def level_misfit(fit: PassageFit, blocks: Blocks) -> float:
     weight = weight_of(fit.noises)
     state = passage_state(fit.theta, fixed, blocks, fit.medium, weight)
     longest = _longest_correlation_time_s(fit.theta, blocks, fit.medium)
-    level = block_noises(state.residual, blocks, longest)[2]
+    level = block_noises(state.residual, blocks, longest, longest)[2]
     return float(level.inflation[0] * level.scale[0, 0] ** 2)
 
 

@@ -33,8 +33,7 @@ class BlockNoise:
     weight: FloatArray
     """Inverse variances for the next round, shape (batch, rows, n)."""
     scale: FloatArray
-    """Deviation of a row over its nominal one, shape (batch, rows); frequencies are no
-    better than stated."""
+    """Deviation of a row over its nominal one, shape (batch, rows)."""
     common_variance: FloatArray
     """Variance common to all rows of an instant, shape (batch,)."""
     long_run_variance: FloatArray
@@ -52,7 +51,10 @@ Noises = tuple[BlockNoise, BlockNoise, BlockNoise]
 
 
 def block_noises(
-    residual: FloatArray, blocks: Blocks, correlation_time_s: float | None
+    residual: FloatArray,
+    blocks: Blocks,
+    passage_s: float,
+    correlation_time_s: float | None,
 ) -> Noises:
     """Judge the noise of the three kinds of measurement.
 
@@ -62,6 +64,8 @@ def block_noises(
         Measured less modelled, shape (batch, rows, n).
     blocks
         The measurements with their nominal inverse variances.
+    passage_s
+        Time over which what a row wanders by itself is summed, seconds.
     correlation_time_s
         Longest correlation time of coloured noise to allow for, seconds; None treats
         the common part as independent from instant to instant, and zero leaves coloured
@@ -69,9 +73,7 @@ def block_noises(
     """
     kinds = blocks.kinds
     scale = neighbour_scale(residual, blocks.weight, blocks.correlation)
-    # what is smoother than its bound was followed through noise: it wanders unseen
-    frequencies = blocks.parts[0]
-    scale[..., frequencies] = np.maximum(scale[..., frequencies], 1.0)
+    scale[..., blocks.parts[0]] *= _wander(residual, blocks, scale, passage_s)
     precision = blocks.weight / scale[..., None] ** 2
     root = np.sqrt(precision)
     deviation = residual * root
@@ -107,6 +109,42 @@ def block_noises(
         for kind, rows in enumerate(blocks.parts)
     )  # fmt: skip
     return first, second, third
+
+
+def _wander(
+    residual: FloatArray, blocks: Blocks, scale: FloatArray, passage_s: float
+) -> FloatArray:
+    """Return by how much more than its neighbours tell a line scatters over a passage.
+
+    A line that was followed through noise is smooth, and goes anywhere. One that scatters
+    less from step to step than it states is believed beyond that only as far as its sums
+    over a passage bear it out. It is held against the mean of the others: what all
+    share is not its own, and a line alone has nothing to be held against. Returned is a
+    factor on the scale of every line, shape (batch, lines), which brings it to what it
+    states at most: what wanders farther is for other readings to tell.
+    """
+    lines = blocks.parts[0]
+    scale, residual = scale[..., lines], residual[..., lines, :]
+    if scale.shape[-1] < 2 or np.all(scale >= 1):
+        return np.ones(scale.shape)
+    precision = blocks.weight[..., lines, :] / scale[..., None] ** 2
+    deviation = residual * np.sqrt(precision)
+    typical = np.maximum(median_scale(deviation, precision), 1.0)[..., None]
+    kept = np.where(bisquare_weight(deviation / typical) > 0, precision, 0.0)
+    mean_precision = kept.sum(axis=-1) / np.maximum((kept > 0).sum(axis=-1), 1)
+    # no line is believed beyond what it states before its wander is known
+    variance = np.maximum(1.0 / scale**2, 1.0)
+    for _ in range(2):
+        weight = kept / variance[..., None]
+        others = np.maximum(weight.sum(axis=-2, keepdims=True) - weight, 0.0)
+        total = weight * residual
+        mean = total.sum(axis=-2, keepdims=True) - total
+        apart = residual - mean / np.where(others > 0, others, 1.0)
+        both = kept * others / np.where(kept > 0, kept + others, 1.0)
+        own = long_run_excess(apart, both, blocks.time_s, passage_s)
+        variance = 1 + mean_precision * own
+    factor: FloatArray = np.minimum(np.sqrt(variance), np.maximum(1.0 / scale, 1.0))
+    return factor
 
 
 def rough_weight(residual: FloatArray, blocks: Blocks) -> FloatArray:
