@@ -135,7 +135,7 @@ def test_evidences_are_likelihoods_less_search_and_cost(monkeypatch):
     ]
     blocks = SimpleNamespace(shift=SimpleNamespace(is_empty=False), time_s=None)
     found = competing._evidences(fits, searches, blocks)
-    expected = [-1.0, 2.5 - 1.0 - 0.25 - 0.7 - 0.3, 5.0 - 2.0 - 1.0 - 0.7 + 0.1]
+    expected = [-1.0, 2.5 - 1.0 - 0.25 - 0.7 - 0.3, 5.0 - 2.0 - 1.0 - 0.7]
     np.testing.assert_allclose(found, expected)
     fits[0].theta[0, 2] = 0.0
     assert competing._evidences(fits, searches, blocks)[0] == -np.inf

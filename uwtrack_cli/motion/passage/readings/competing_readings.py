@@ -328,7 +328,8 @@ def _evidences(
     there = prior_of_place(fits[0], blocks)
     for place, searched in enumerate(searches):
         value[place] += speed_prior(fits[place])
-        value[place] += prior_of_place(fits[place], blocks) - there
+        # where a straight one lies is for the decision; a change may go no farther out
+        value[place] += min(prior_of_place(fits[place], blocks) - there, 0.0)
         if searched is not None:
             value[place] -= searched.search(float(gain[place]))
             value[place] -= cost_of_change(fits[place], blocks.time_s)
