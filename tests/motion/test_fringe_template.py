@@ -12,7 +12,7 @@ from uwtrack_cli.motion.evidence.fringe_template import (
     Hypothesis,
     Template,
 )
-from uwtrack_cli.motion.evidence.fringes import _likeliest_still
+from uwtrack_cli.motion.evidence.fringes import likeliest_still
 
 ROWS, CELLS = 9, 24
 PASSAGE = Hypothesis(40.0, 20.0, tilt=0.3)
@@ -65,7 +65,7 @@ def test_a_course_that_follows_noise_gains_nothing():
     rng = np.random.default_rng(5)
     value = 0.1 * rng.standard_normal((80, 120))
     noise = Panel(2.0 * np.arange(80), value, np.full(120, 100.0), 2.0, 0.03)
-    still = _likeliest_still(noise)
+    still = likeliest_still(noise)
     model = FringeModel(noise, [still.prior])
     gain = model.log_likelihood([still.course]) + still.share
     assert gain - FringeModel(noise, []).log_likelihood([]) < 2.0

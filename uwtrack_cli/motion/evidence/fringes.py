@@ -219,7 +219,7 @@ class _Leftovers(NamedTuple):
         own = FringeModel(self.panel, model.templates, shape).log_likelihood(passages)
         if not self.known:
             return own
-        still = _likeliest_still(self.panel._replace(value=shown.residual))
+        still = likeliest_still(self.panel._replace(value=shown.residual))
         model, passages = self._model([(one, prior), (still.course, still.prior)])
         model = FringeModel(self.panel, model.templates, shape)
         return max(own, model.log_likelihood(passages) + still.share)
@@ -876,7 +876,7 @@ def _rivals(
     """
     model, found = fitted.model, fitted.passage
     panel, own = model.panel, model.templates[0]
-    still = _likeliest_still(panel)
+    still = likeliest_still(panel)
     one = still.course, still.prior
     # rows may bend otherwise where nothing passes
     own_bend = [_Leftovers(panel._replace(bend=each), rest.known) for each in BENDS]
@@ -949,7 +949,7 @@ def _still(panel: Panel, course: FloatArray) -> Hypothesis:
     return Hypothesis(0.0, 1.0, 0.0, course=(panel.time_s, course))
 
 
-class _LikeliestStill(NamedTuple):
+class LikeliestStill(NamedTuple):
     """A pattern that rises and falls in place, as it explains rows best."""
 
     course: Hypothesis
@@ -960,12 +960,17 @@ class _LikeliestStill(NamedTuple):
     """Log of the prior probability of courses that agree with the rows, nepers."""
 
 
-def _likeliest_still(panel: Panel) -> _LikeliestStill:
+def likeliest_still(panel: Panel) -> LikeliestStill:
     """Return what explains rows best in place.
 
     Its course is that of the level, as of rain, or any; what it deviates by is a normal
     process whose variance and correlation from row to row are found from the rows, so that
     a course that follows noise gains nothing.
+
+    Parameters
+    ----------
+    panel
+        Rows of the image, shape (frames, cells), with their precisions.
     """
     value = flattened(panel) * np.sqrt(panel.precision)
     course = np.linalg.svd(value, full_matrices=False)[0]
@@ -989,7 +994,7 @@ def _likeliest_still(panel: Panel) -> _LikeliestStill:
         _, share, by = max(_process(off, told, variances), key=lambda each: each[0])
         one = _still(panel, usual + by)
         likely = model.log_likelihood([one]) + share
-        found.append((likely, _LikeliestStill(one, prior, share)))
+        found.append((likely, LikeliestStill(one, prior, share)))
     return max(found, key=lambda each: each[0])[1]
 
 
