@@ -28,7 +28,6 @@ Rasmussen and Williams (2006), Gaussian Processes, eq. 4.17 (Matern's covariance
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import chain
 
 import numpy as np
 
@@ -37,9 +36,9 @@ from uwtrack_cli.estimation.least_squares import orthonormal
 
 N_CORRELATION_TIMES = 7
 FEWEST_CELLS, MOST_CELLS = 60, 160
-MOST_SPECTRA = 4 * N_CORRELATION_TIMES
-"""Spectra of coloured noise that are kept: those of the three kinds of one contact, of
-its frequencies rough and smooth."""
+MOST_SPECTRA = 4
+"""Sets of spectra of coloured noise that are kept: those of the three kinds of one
+contact, of its frequencies rough and smooth."""
 
 FEWEST_MORE = 8
 """Measurements beyond what is free without which nothing can be told."""
@@ -58,7 +57,7 @@ SMALLEST_GAIN = 2.0
 """Gain in log-likelihood below which the noise counts as white."""
 
 
-MOST_PRODUCTS = 2e6
+MOST_PRODUCTS = 2e5
 """Products of columns of all rivals that are held at once."""
 
 STRENGTHS = np.geomspace(1e-3, 1e6, 46)
@@ -122,17 +121,14 @@ def fit_coloured_noise(
     freedom = value.size - basis.shape[1]
     plain, inflated, inflation = _white_likelihood(value, basis, freedom)
     variances = _variances(size)
-    correlation_times = np.empty(N_CORRELATION_TIMES)
-    likelihood, inflations = np.empty((2, correlation_times.size, variances.size))
-    for row, (each, values, vectors) in enumerate(_spectra(size, time)):
-        correlation_times[row] = each
-        likelihood[row], inflations[row] = _likelihood(
-            _turn(vectors, value),
-            _turn(vectors, basis),
-            np.concatenate([values, np.zeros(others[0].size)]),
-            variances,
-            freedom,
-        )
+    correlation_times, values, vectors = _spectra(size, time)
+    likelihood, inflations = _likelihood(
+        _turn(vectors, value[:, None])[..., 0],
+        _turn(vectors, basis),
+        np.pad(values, ((0, 0), (0, others[0].size))),
+        variances,
+        freedom,
+    )
     behind = likelihood.max() - likelihood
     chance = np.exp(-behind) / np.exp(-behind).sum()
     inner = float((chance * inflations).sum())
@@ -170,8 +166,10 @@ def _variances(root: FloatArray) -> FloatArray:
 
 def _turn(vectors: FloatArray, rows: FloatArray) -> FloatArray:
     """Turn the rows of the series into its eigenvectors; the others stay."""
-    count = vectors.shape[0]
-    return np.concatenate([vectors.T @ rows[:count], rows[count:]])
+    count = vectors.shape[-1]
+    turned = vectors.swapaxes(-1, -2) @ rows[:count]
+    others = np.broadcast_to(rows[count:], (len(vectors), *rows[count:].shape))
+    return np.concatenate([turned, others], axis=1)
 
 
 def coloured_likelihoods(
@@ -215,12 +213,11 @@ def likelihoods_by_noise(
     best = np.full((1 + smooth, white.size), -np.inf)
     groups = list(_alike(rivals))
     for kind, of_kind in enumerate(best):
-        for _, values, vectors in _spectra(root, time, smooth=kind > 0):
-            for rows, value, columns in groups:
-                found = _best_variance(
-                    value @ vectors, vectors.T @ columns, values, root
-                )[0]
-                of_kind[rows] = np.maximum(of_kind[rows], found)
+        _, values, vectors = _spectra(root, time, smooth=kind > 0)
+        for rows, value, columns in groups:
+            turned = value @ vectors, vectors.swapaxes(-1, -2)[:, None] @ columns
+            found = _best_variance(*turned, values[:, None], root)[0]
+            of_kind[rows] = found.max(axis=0)
     mean = np.logaddexp.reduce(best, axis=0) - np.log(len(best))
     return np.stack([white, mean])
 
@@ -235,7 +232,8 @@ def _alike(
     width = np.array([columns.shape[1] for _, columns in rivals])
     for p in np.unique(width):
         rows = np.flatnonzero(width == p)
-        most = max(1, int(MOST_PRODUCTS / (rivals[0][0].size * max(p, 1) ** 2)))
+        each = N_CORRELATION_TIMES * rivals[0][0].size * max(p, 1) ** 2
+        most = max(1, int(MOST_PRODUCTS / each))
         for first in range(0, rows.size, most):
             part = rows[first : first + most]
             yield (
@@ -269,16 +267,16 @@ def gains_of_shapes(
     free = orthonormal(free)
     weight = np.ones(value.size)
     if with_coloured_noise:
-        best = -np.inf
-        chosen = value, free, more, weight
-        kinds = [_spectra(root, time, smooth=kind) for kind in (False, True)]
-        for _, values, vectors in chain(*kinds[: 1 + smooth]):
-            turned = vectors.T @ value, vectors.T @ free, vectors.T @ more
-            found, variance = _best_variance(turned[0], turned[1], values, root)
-            if found > best:
-                best = float(found)
-                chosen = (*turned, 1 / (1 + variance * values))
-        value, free, more, weight = chosen
+        kinds = [
+            _spectra(root, time, smooth=kind) for kind in (False, True)[: 1 + smooth]
+        ]
+        values, vectors = (np.concatenate([one[k] for one in kinds]) for k in (1, 2))
+        found, variance = _best_variance(
+            value @ vectors, vectors.swapaxes(-1, -2) @ free, values, root
+        )
+        best = int(np.argmax(found))
+        value, free, more = (vectors[best].T @ one for one in (value, free, more))
+        weight = 1 / (1 + variance[best] * values[best])
     scale = np.sqrt(weight)
     free = orthonormal(free * scale[:, None])
     value, more = value * scale, more * scale[:, None]
@@ -336,42 +334,41 @@ def _with_inflation(
 
 def _spectra(
     root: FloatArray, time: FloatArray, *, smooth: bool = False
-) -> Iterator[tuple[float, FloatArray, FloatArray]]:
-    """Yield correlation times with eigenvalues and vectors of the coloured noise.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return correlation times with eigenvalues and vectors of the coloured noise.
 
-    They are relative to the white noise of cells of a root size.
+    They are relative to the white noise of cells of a root size: shapes (times,),
+    (times, n) and (times, n, n).
     """
-    span = float(time[-1] - time[0])
-    step = span / max(time.size - 1, 1)
-    for each in np.geomspace(2 * step, max(span, 3 * step), N_CORRELATION_TIMES):
-        spectrum = _spectrum_of(
-            root.tobytes(), time.tobytes(), float(each), smooth=smooth
-        )
-        yield float(each), *spectrum
+    return _spectra_of(root.tobytes(), time.tobytes(), smooth=smooth)
 
 
 @lru_cache(maxsize=MOST_SPECTRA)
-def _spectrum_of(
-    root_bytes: bytes, time_bytes: bytes, correlation_time_s: float, *, smooth: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Return the spectrum once for all readings of a series: it takes most of the time."""
+def _spectra_of(
+    root_bytes: bytes, time_bytes: bytes, *, smooth: bool
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the spectra once for all readings of a series: they take most of the time."""
     root, time = np.frombuffer(root_bytes), np.frombuffer(time_bytes)
-    lag = np.abs(time[:, None] - time[None, :]) / correlation_time_s
-    kernel = np.exp(-lag)
+    span = float(time[-1] - time[0])
+    step = span / max(time.size - 1, 1)
+    each = np.geomspace(2 * step, max(span, 3 * step), N_CORRELATION_TIMES)
+    lag = np.abs(time[:, None] - time[None, :]) / each[:, None, None]
     if smooth:
         lag *= np.sqrt(3.0)
-        kernel = (1.0 + lag) * np.exp(-lag)
+    kernel = np.exp(-lag)
+    if smooth:
+        kernel *= 1.0 + lag
     values, vectors = np.linalg.eigh(root[:, None] * kernel * root[None, :])
-    return np.maximum(values, 0.0), vectors
+    return each, np.maximum(values, 0.0), vectors
 
 
 def _best_variance(
     turned: FloatArray, design: FloatArray, values: FloatArray, root: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Maximise the likelihood over the variances, for one correlation time; and where.
+    """Maximise the likelihood over the variances; and where.
 
-    One series, or several with as many columns: values of shape (..., n) and columns of
-    shape (..., n, p) give results of shape (...).
+    Of several correlation times and series with as many columns: values of shape (..., n)
+    and columns of shape (..., n, p) give results of shape (...).
     """
     variances = _variances(root)[::2]
     likelihood = _likelihood(turned, design, values, variances, None)[0]
@@ -394,10 +391,10 @@ def _likelihood(
 ) -> tuple[FloatArray, FloatArray]:
     """Return log-likelihood and inflation for every variance, shape (..., variances).
 
-    Values of shape (..., n), columns of shape (..., n, p), variances of shape
-    (variances,) or (..., variances).
+    Values of shape (..., n), columns of shape (..., n, p), eigenvalues of a shape that
+    goes with those of the values, variances of shape (variances,) or (..., variances).
     """
-    spread = 1 + variances[..., None] * eigen
+    spread = 1 + variances[..., None] * eigen[..., None, :]
     weight = 1 / spread
     # the products of the columns are the same for every variance
     size, p = design.shape[-2:]
