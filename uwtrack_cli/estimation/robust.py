@@ -59,6 +59,19 @@ def median_where(value: FloatArray, weight: FloatArray) -> FloatArray:
     return middle
 
 
+def median_centred(value: FloatArray, weight: FloatArray) -> FloatArray:
+    """Return every row less its median where the weight is positive, and zero elsewhere.
+
+    Examples
+    --------
+    >>> median_centred(np.array([[1.0, 2.0, 6.0, np.nan]]), np.array([[1, 1, 1, 0.0]]))
+    array([[-1.,  0.,  4.,  0.]])
+    """
+    middle = median_where(value, weight)[..., None]
+    used = (weight > 0) & np.isfinite(middle)
+    return np.where(used, value - np.where(np.isfinite(middle), middle, 0.0), 0.0)
+
+
 def neighbour_scale(
     residual: FloatArray, weight: FloatArray, correlation: FloatArray | float = 0.0
 ) -> FloatArray:

@@ -26,6 +26,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_rad
+from uwtrack_cli.estimation.robust import median_centred
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit, fit_passage
 from uwtrack_cli.motion.passage.fit.likelihood_ratio import passage_residuals
@@ -152,12 +153,8 @@ def count_stationary_lines(fit: PassageFit, blocks: Blocks) -> tuple[int, int]:
 
 def _square(value: FloatArray, weight: FloatArray) -> FloatArray:
     """Return the sum of squares of every row about its middle, none beyond a limit."""
-    known = np.where(weight > 0, value, np.nan)
-    used = np.isfinite(known).any(axis=1)
-    total = np.zeros(value.shape[0])
-    middle = np.nanmedian(known[used], axis=1, keepdims=True)
-    square = weight[used] * np.nan_to_num(known[used] - middle) ** 2
-    total[used] = np.minimum(square, WILDEST**2).sum(axis=1)
+    square = weight * median_centred(value, weight) ** 2
+    total: FloatArray = np.minimum(square, WILDEST**2).sum(axis=1)
     return total
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.estimation.robust import median_scale, neighbour_scale
+from uwtrack_cli.estimation.robust import median_scale, median_where, neighbour_scale
 from uwtrack_cli.motion.passage.model.law import SLOWEST_MPS
 from uwtrack_cli.motion.passage.model.measurements import Blocks
 from uwtrack_cli.motion.passage.model.unknowns import STEP, Change
@@ -413,9 +413,8 @@ def _scaled(value: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArr
     """Clip outliers and bring the weights to the scale of the data."""
     if value.shape[0] == 0:
         return value, weight
-    known = np.where(weight > 0, value, np.nan)
-    has_any = np.isfinite(known).any(axis=-1, keepdims=True)
-    middle = np.nanmedian(np.where(has_any, known, 0.0), axis=-1, keepdims=True)
+    middle = median_where(value, weight)[:, None]
+    middle[np.isinf(middle)] = 0.0
     reach = 8 * median_scale(value - middle, weight)[:, None]
     clipped = np.clip(value, middle - reach, middle + reach)
     scale = neighbour_scale(clipped, weight)

@@ -21,7 +21,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.estimation.robust import median_scale, neighbour_scale
+from uwtrack_cli.estimation.robust import median_centred, median_scale, neighbour_scale
 from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.fit.gear_changes import (
@@ -173,7 +173,7 @@ def _gain_of_line_levels(fit: PassageFit, blocks: Blocks) -> float:
         return 0.0
     still = np.where(weight > 0, level, 0.0)
     moving = np.where(weight > 0, still - fit.law(blocks.time_s).spread[0], 0.0)
-    scale = neighbour_scale(_centred(moving, weight), weight)
+    scale = neighbour_scale(median_centred(moving, weight), weight)
     gains = _gains(
         measured_series(moving, weight, scale),
         measured_series(still, weight, scale)[0],
@@ -273,7 +273,7 @@ def measured_series(
     total = precision.sum(axis=0)
     used = total > 0
     share = precision[:, used] / total[used]
-    clipped = clip_wild(_centred(reading, weight), precision)
+    clipped = clip_wild(median_centred(reading, weight), precision)
     return (share * clipped[:, used]).sum(axis=0), share.T, total[used], used
 
 
@@ -345,15 +345,6 @@ def _broken(constants: FloatArray, is_late: BoolArray) -> FloatArray:
     halves = (constants * ~is_late[:, None], constants * is_late[:, None])
     columns = np.concatenate(halves, axis=1)
     return columns[:, columns.any(axis=0)]
-
-
-def _centred(value: FloatArray, weight: FloatArray) -> FloatArray:
-    """Take the median of every row from it."""
-    known = np.where(weight > 0, value, np.nan)
-    measured = np.isfinite(known).any(axis=-1, keepdims=True)
-    middle = np.nanmedian(np.where(measured, known, 0.0), axis=-1, keepdims=True)
-    centred: FloatArray = np.where(weight > 0, value - middle, 0.0)
-    return centred
 
 
 def _independent_places(blocks: Blocks) -> float:
