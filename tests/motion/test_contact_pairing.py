@@ -45,6 +45,12 @@ def test_ellipses_of_joined_contacts_hold_the_boats():
     assert one.held == one.ellipses == one.due == 2
 
 
+def test_a_way_through_the_very_place_of_a_buoy_tells_no_alteration():
+    # what a change would tell there is lost to rounding, and warned of (an error here)
+    one = score(9801)
+    assert one.right == one.pairs == 9
+
+
 def test_the_order_of_sensors_and_their_names_do_not_matter():
     series, _, _ = scene(4101, rows=20, buoys=3)
     turned = {"b0": "z", "b1": "y", "b2": "x"}

@@ -41,7 +41,7 @@ from uwtrack_cli.motion.target_motion.inputs import (
     measurements_from_series,
     rounding_std,
 )
-from uwtrack_cli.motion.target_motion.legs import Alterations, seek_alteration
+from uwtrack_cli.motion.target_motion.legs import seek_alteration, with_one_more
 from uwtrack_cli.motion.target_motion.model import (
     PER_ALTERATION,
     STRAIGHT,
@@ -502,8 +502,12 @@ def _with_alterations(
         best = max(best, evidence + float(np.logaddexp(0.0, log_odds)))
         if log_odds < 0.0:
             break
-        limit = _one_more(limit, problem)
-        starts = _starts(problem, q, found)
+        limit = with_one_more(limit, problem)
+        chances = found.log_odds.max(axis=1)
+        parts = np.array_split(np.arange(chances.size), STRETCHES)
+        best_of = [int(one[chances[one].argmax()]) for one in parts]
+        usual = problem.prior.log_duration.mean
+        starts = np.array([found.with_alteration(q, at, usual) for at in best_of])
         more = minimise(problem, starts, limit, iterations=12, tolerance=1e-4)
         value = _laplace(problem, more) + log(found.prior_odds)
         if not value.max() > evidence:
@@ -511,31 +515,6 @@ def _with_alterations(
         q, evidence = more.q[value.argmax()], float(value.max())
         best = max(best, evidence)
     return best
-
-
-def _one_more(limits: SearchBounds, problem: Problem) -> SearchBounds:
-    """Return the bounds of one more alteration behind those of a motion."""
-    span, usual = float(np.ptp(problem.row_time_s)), problem.prior.log_duration
-    fast = 2.0 * float(limits.upper[2])
-    longest = max(log(max(0.5 * span, 1.0)), usual.mean)
-    return SearchBounds(
-        np.append(limits.lower, [-fast, -fast, 0.0, usual.mean - usual.std]),
-        np.append(limits.upper, [fast, fast, span, longest]),
-    )
-
-
-def _starts(problem: Problem, q: FloatArray, found: Alterations) -> FloatArray:
-    """Return motions with one more alteration, at the best instant of some stretches."""
-    starts = []
-    chances = found.log_odds.max(axis=1)
-    for stretch in np.array_split(np.arange(chances.size), STRETCHES):
-        at = stretch[chances[stretch].argmax()]
-        state = to_state(q) + found.shift[at, : q.size] @ found.change_mps[at]
-        moved = np.concatenate([from_state(state[:STRAIGHT]), state[STRAIGHT:]])
-        usual = problem.prior.log_duration.mean
-        own = [*found.change_mps[at], found.instant_s[at], usual]
-        starts.append(np.concatenate([moved, own]))
-    return np.array(starts)
 
 
 def _hypotheses(evidence: _Evidence) -> dict[Hypothesis, float]:

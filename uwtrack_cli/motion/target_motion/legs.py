@@ -165,6 +165,15 @@ class Alterations:
         weight = np.exp(self.log_odds - self.log_odds.max()).ravel()
         return np.asarray(weight * (self.probability / weight.sum()))
 
+    def with_alteration(
+        self, q: FloatArray, at: int, log_duration: float
+    ) -> FloatArray:
+        """Return a motion with its best alteration at one of the instants."""
+        change = self.change_mps[at]
+        state = to_state(q) + self.shift[at, : q.size] @ change
+        moved = [*from_state(state[:STRAIGHT]), *state[STRAIGHT:]]
+        return np.array([*moved, *change, self.instant_s[at], log_duration])
+
     def _moments(self, moved: FloatArray) -> FloatArray:
         """Return second moments of what changes move, (instants * widths, q, q)."""
         every = np.einsum("ipa,iwab,iqb->iwpq", moved, self.square, moved)
@@ -242,7 +251,6 @@ def find_legs(
 ) -> Legs:
     """Fit as many legs as the evidence asks for, from the best straight motions."""
     problem = _with_durations(problem)
-    span = float(np.ptp(problem.row_time_s))
     fits, bounds, models = [straight], [limits], list[list[_Linear]]()
     while True:
         minima = _minima_apart(fits[-1])
@@ -255,10 +263,12 @@ def find_legs(
         odds = np.exp(evidence[-1] - evidence.max()) * worth / max(1.0 - worth, 1e-300)
         # beside the likeliest number that is not one, the next one is fitted, too
         is_last = 0 < int(evidence.argmax()) == len(fits) - 1
+        if not found.log_odds.size:
+            break
         goes_on = is_last or odds > WORTH_A_FIT / (1.0 - WORTH_A_FIT)
         if not goes_on or len(fits) > MOST_ALTERATIONS:
             break
-        bounds.append(_with_one_more(bounds[-1], problem, span))
+        bounds.append(with_one_more(bounds[-1], problem))
         more = _fitted(problem, fits[-1], found, bounds[-1])
         if not more.q.size or not more.value[0] < fits[-1].value[0]:
             break
@@ -350,13 +360,12 @@ def _with_durations(problem: Problem) -> Problem:
     return replace(problem, prior=prior)
 
 
-def _with_one_more(
-    limits: SearchBounds, problem: Problem, span_s: float
-) -> SearchBounds:
+def with_one_more(limits: SearchBounds, problem: Problem) -> SearchBounds:
     """Return bounds with those of one more alteration behind them."""
+    span_s = float(np.ptp(problem.row_time_s))
     usual, fast = problem.prior.log_duration, 2.0 * float(limits.upper[2])
     lower = [-fast, -fast, EDGE * span_s, usual.mean - usual.std]
-    upper = [fast, fast, (1.0 - EDGE) * span_s, np.log(0.5 * span_s)]
+    upper = [fast, fast, (1.0 - EDGE) * span_s, np.log(max(0.5 * span_s, 1.0))]
     upper[3] = max(upper[3], lower[3] + 0.1)
     return SearchBounds(np.append(limits.lower, lower), np.append(limits.upper, upper))
 
@@ -376,13 +385,8 @@ def _fitted(
     usual = problem.prior.log_duration.mean
     starts = []
     for at in instants:
-        when, change = found.instant_s[at], found.change_mps[at]
-        starts.append(np.concatenate([q, [0.0, 0.0, when, usual]]))
-        state = to_state(q) + found.shift[at, : q.size] @ change
-        moved = q.copy()
-        moved[:STRAIGHT] = from_state(state[:STRAIGHT])
-        moved[STRAIGHT:] = state[STRAIGHT:]
-        starts.append(np.concatenate([moved, change, [when, usual]]))
+        starts.append(np.concatenate([q, [0.0, 0.0, found.instant_s[at], usual]]))
+        starts.append(found.with_alteration(q, at, usual))
     # the other minima of the straight motion, where the record begins otherwise
     top = instants[int(np.argmax(chances[instants]))]
     for other in _minima_apart(fit)[1:]:
@@ -493,10 +497,13 @@ class _Linear:
         pull = pull + np.swapaxes(expected, 1, 2) @ parts.prior_z
         width = np.array(CHANGE_STDS_MPS)[:, np.newaxis, np.newaxis]
         joint = matrix[:, np.newaxis] + width**-2.0 * np.eye(2)
+        sign, volume = np.linalg.slogdet(joint * width**2.0)
+        if not (sign > 0.0).all():
+            # through the very place of a sensor: numbers do not hold what a change tells
+            return NOTHING, turned[:, 0]
         spread = np.linalg.inv(joint)
         change = -(spread @ pull[:, np.newaxis, :, np.newaxis])[..., 0]
         gain = -np.einsum("iwa,ia->iw", change, pull)
-        volume = np.log(np.linalg.det(joint * width**2.0))
         square = spread + change[..., :, np.newaxis] * change[..., np.newaxis, :]
         found = Alterations(
             0.5 * (gain - volume), instants, change[:, -1],
