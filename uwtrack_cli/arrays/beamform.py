@@ -311,7 +311,9 @@ def _band(
 ) -> slice:
     """Return the cells in which directions can be told; say what is left out."""
     cells = np.fft.rfftfreq(layout.fft_length, 1.0 / layout.rate_hz)
-    lowest_hz = array.sound_speed_mps / (2.0 * array.aperture_m)
+    # two hydrophones are half a wavelength long at their design frequency alone
+    longest = 4.0 if (isinstance(array, LineArray) and array.n_places == 2) else 2.0
+    lowest_hz = array.sound_speed_mps / (longest * array.aperture_m)
     highest_hz = float(layout.frequency_hz[-1])
     low, high = band_hz or (lowest_hz, highest_hz)
     high = min(high, highest_hz)
