@@ -65,7 +65,7 @@ def locate_vessels(  # noqa: PLR0913 (five inputs that may be absent)
     sensors: list[Sensor] | None = None,
     series: Series | None = None,
     directions: list[Directions] | None = None,
-    delays: Delays | None = None,
+    delays: list[Delays] | None = None,
     *,
     at: list[str] | None = None,
     every_s: Annotated[float | None, Unit("s"), AtLeast(1e-3), AtMost(1e7)] = None,
@@ -90,7 +90,8 @@ def locate_vessels(  # noqa: PLR0913 (five inputs that may be absent)
     directions
         Directions that several arrays heard, where no closest approaches are given.
     delays
-        Delays between three synchronised recorders or more, each with its place.
+        Delays between three synchronised recorders or more, each with its place: those
+        of one set of recorders.
     at
         Times of the positions: UTC such as 2026-01-31T12:00:00Z, or seconds from
         the first sample.
@@ -137,8 +138,15 @@ def locate_vessels(  # noqa: PLR0913 (five inputs that may be absent)
             )
             raise DataError(msg)
         return _cross_fixes(series, at, every_s, until, contact_numbers)
-    if not encounters and delays is not None:
-        return _fixes_of_delays(delays, sensors or [], at, every_s, until)
+    if not encounters and delays:
+        if len(delays) > 1:
+            msg = (
+                f"the delays are of {len(delays)} recordings: positions come from those "
+                f"of one set of recorders, or from the directions of several arrays "
+                f"('uwtrack directions' of each first)."
+            )
+            raise DataError(msg)
+        return _fixes_of_delays(delays[0], sensors or [], at, every_s, until)
     if encounters is None:
         msg = "positions need closest approaches, or a table of bearings with sensors."
         raise DataError(msg)
