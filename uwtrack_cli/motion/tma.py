@@ -165,9 +165,7 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     (theta_k(p) - theta_k) / sigma and (f_nk(p) - f_nk) / sigma with
     f = f0 (1 - rate / c) (Chang et al. 2003, eqs 1-4, corrected).
     """
-    if series is None and lines is None and directions is not None:
-        series = bearing_series(directions)
-    contacts = _contacts(series, lines, is_array=bearing_time is not None)
+    contacts = _contacts(series, lines, directions, is_array=bearing_time is not None)
     is_of_sensors = series is not None and series.sensor is not None
     if series is not None and is_of_sensors:
         check_sensors(series)
@@ -306,9 +304,15 @@ def _height(sensor: Sensor | None) -> float:
 
 
 def _contacts(
-    series: Series | None, lines: Lines | None, *, is_array: bool
+    series: Series | None,
+    lines: Lines | None,
+    directions: Directions | None,
+    *,
+    is_array: bool,
 ) -> list[Measurements]:
     """Take the inputs apart; contacts of an array that have no lines come after."""
+    if series is None and lines is None and directions is not None:
+        return measurements_from_series(bearing_series(directions))
     if (series is None) == (lines is None) and not (is_array and series is not None):
         found = "neither" if series is None else "both"
         msg = (
