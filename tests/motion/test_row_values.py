@@ -312,7 +312,8 @@ def answer_of(**changed):
     told = {
         "legs": SimpleNamespace(probability=0.01), "n_values": 40, "manoeuvring": True, "probability": None, "n_sources": 1,
         "data": SimpleNamespace(
-            bearing_deg=np.ones(20), line_id=np.ones(1), time_s=np.arange(20.0)
+            bearing_deg=np.ones(20), line_id=np.ones(1), time_s=np.arange(20.0),
+            is_aliased=None,
         ),
     }  # fmt: skip
     return SimpleNamespace(**(told | changed))
@@ -359,7 +360,7 @@ def test_an_open_range_says_how_far_it_is_at_least_and_what_is_missing():
     nothing, mode.observability.rank = np.full(20, np.nan), 4
     for answer, words in (
         (answer_of(n_values=4), "4 values cannot fix 5 parameters"),
-        (answer_of(data=SimpleNamespace(bearing_deg=nothing, line_id=np.ones(1))),
+        (answer_of(data=SimpleNamespace(is_aliased=None, bearing_deg=nothing, line_id=np.ones(1))),
          "frequencies alone"),
         (answer_of(manoeuvring=False), "the bearing does not change"),
         (answer_of(manoeuvring=False, data=SimpleNamespace(
