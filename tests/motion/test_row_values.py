@@ -331,6 +331,24 @@ def test_what_is_less_certain_than_its_limit_is_not_given(std, hidden):
     assert all("too little change of bearing" in why for why in found.values())
 
 
+@pytest.mark.parametrize("n_aliased", [0, 15, 20])
+def test_what_a_grating_lobe_may_stand_for_is_named_and_alone_not_given(n_aliased):
+    aliased = np.arange(20) < n_aliased
+    data = SimpleNamespace(
+        bearing_deg=np.ones(20), line_id=np.ones(1), time_s=np.arange(20.0),
+        is_aliased=aliased,
+    )  # fmt: skip
+    answer, mode = answer_of(data=data), mode_of()
+    found = table.reasons_of(mode, answer)
+    hidden = {"range_m", "bearing_deg", "speed_mps", "course_deg"}
+    named = {name for name in found if not name.startswith("now_")}
+    assert named == (hidden if n_aliased == 20 else set())
+    assert all("aliased: a grating lobe" in why for why in found.values())
+    told = table.report_of(mode, answer, found, manoeuvre_needed=False)
+    assert ("may stand for 75 % of the bearings" in told) == (n_aliased == 15)
+    assert ("range is not observable: aliased" in told) == (n_aliased == 20)
+
+
 @pytest.mark.parametrize(
     ("lost", "hidden"),
     [((0,), ("range_m", "speed_mps", "course_deg")),
@@ -364,7 +382,8 @@ def test_an_open_range_says_how_far_it_is_at_least_and_what_is_missing():
          "frequencies alone"),
         (answer_of(manoeuvring=False), "the bearing does not change"),
         (answer_of(manoeuvring=False, data=SimpleNamespace(
-            bearing_deg=np.ones(3), line_id=np.zeros(0))), "no frequency lines"),
+            bearing_deg=np.ones(3), line_id=np.zeros(0), is_aliased=None)),
+         "no frequency lines"),
     ):  # fmt: skip
         assert words in table.reasons_of(mode, answer)["range_m"]
     mode.observability.rank = 5
