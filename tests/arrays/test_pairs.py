@@ -95,7 +95,7 @@ def test_one_hydrophone_that_works_of_two_is_refused():
     recording = recording_of(samples, RATE_HZ, PAIR)
     with (
         pytest.warns(UserWarning, match="left out"),
-        pytest.raises(DataError, match="1 of 2 hydrophones .* beams need 2"),
+        pytest.raises(DataError, match=r"1 of 2 hydrophones .* beams need 2"),
     ):
         list(measure_delays(recording, band_hz=(60.0, 900.0)))
 

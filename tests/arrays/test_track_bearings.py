@@ -159,9 +159,7 @@ def test_a_contact_whose_lines_scatter_as_stated_keeps_their_number(
         association=np.full(count, 2),
     )  # fmt: skip
     one = np.ones(1, np.int64)
-    table = LineTable(
-        one, one, -one, np.array(["moving"]), np.zeros(1), no_families()
-    )
+    table = LineTable(one, one, -one, np.array(["moving"]), np.zeros(1), no_families())
     lines = to_lines(frames, points, table, {
         "reference": "full scale", "false_lines_per_khz_hour": 1.0,
         "weakest_line_snr_db": 1.0,
