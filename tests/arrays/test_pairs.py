@@ -89,6 +89,22 @@ def test_beams_of_a_pair_begin_at_half_its_design_frequency_and_tell_the_cone():
     assert 0.7 < np.sqrt(np.mean((off / peaks.cone_std_deg[near]) ** 2)) < 1.35
 
 
+@pytest.mark.parametrize("cosine", [-0.95, 0.95])
+def test_no_beam_of_a_pair_takes_the_grating_lobe_of_the_other_end(cosine):
+    rng, frequency_hz = np.random.default_rng(2), 0.94 * DESIGN_HZ
+    time_s = np.arange(round(20.0 * RATE_HZ)) / RATE_HZ
+    early_s = PLACES[:, 1] * cosine / C
+    tone = np.cos(2.0 * np.pi * frequency_hz * (time_s[:, None] + early_s))
+    samples = tone + 0.01 * rng.standard_normal((time_s.size, 2))
+    with pytest.warns(UserWarning, match="design frequency"):
+        blocks = form_beams(recording_of(samples, RATE_HZ, PAIR))
+    peaks = BearingTime.join(list(blocks)).peaks
+    near = (np.abs(peaks.frequency_hz - frequency_hz) < 0.5) & (peaks.snr_db > 20.0)
+    assert near.any()
+    found = np.cos(np.radians(peaks.cone_deg[near].astype(float)))
+    assert found == pytest.approx(cosine, abs=0.02)
+
+
 def test_one_hydrophone_that_works_of_two_is_refused():
     samples = np.random.default_rng(1).standard_normal((8000, 2))
     samples[:, 1] = 0.0
