@@ -8,8 +8,10 @@ import pytest
 from tests.support import recording_of
 from uwtrack_cli.arrays.beamform import form_beams
 from uwtrack_cli.data.bearing_time import BearingTime
+from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.lines.track import track_lines
 from uwtrack_cli.simulate.recordings import simulate_recordings
 from uwtrack_cli.simulate.scenario import make_scenario
 
@@ -284,10 +286,10 @@ def test_an_inverted_hydrophone_is_told():
 
 def test_too_few_hydrophones_that_work_are_refused():
     samples = tones([0.3], [-10.0])
-    samples[:, 2:] = 0.0
+    samples[:, 1:] = 0.0
     with (
         pytest.warns(UwtrackWarning, match="left out"),
-        pytest.raises(DataError, match="beams need 3"),
+        pytest.raises(DataError, match="beams need 2"),
     ):
         beams_of(samples)
 
@@ -303,6 +305,22 @@ def test_above_the_design_frequency_nothing_is_kept_unless_it_is_marked():
     assert near.any()
     assert marked.is_aliased[near].all()
     assert not marked.is_aliased[marked.frequency_hz < 370.0].any()
+
+
+def test_tracked_lines_keep_which_bearings_may_be_those_of_grating_lobes():
+    wide = replace(FIXED, element_along_m=",".join(map(str, 2.0 * PLACES)))
+    samples = tones([0.8], [-3.0], 600.0, 30.0, places=2.0 * PLACES)
+    samples += tones([0.8], [-3.0], 300.0, 30.0, 2, 2.0 * PLACES)
+    peaks = beams_of(samples, wide, above_design="mark").peaks
+    lines = Lines.join(list(track_lines(iter([peaks]))))
+    heard = np.isfinite(lines.measured_bearing_deg)
+    high = lines.measured_frequency_hz > 500.0
+    assert (heard & high).any()
+    assert (heard & ~high).any()
+    assert lines.measured_is_aliased[heard & high].all()
+    assert not lines.measured_is_aliased[~high].any()
+    nowhere = replace(peaks, is_aliased=None)
+    assert Lines.join(list(track_lines(iter([nowhere])))).measured_is_aliased is None
 
 
 def test_bearings_are_written_for_the_side_asked_for_and_not_where_the_array_is_bent():

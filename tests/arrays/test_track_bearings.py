@@ -10,6 +10,7 @@ from studies.line_scene import second_frames
 from uwtrack_cli.arrays.track_bearings import prominent_peaks, track_bearings
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.lines.line_points import LinePoints, LineTable, no_families, to_lines
 
 HOP_S, BEAMS, NOISE = 1.0, 53, 0.03
 
@@ -135,3 +136,32 @@ def test_peaks_and_their_heights_are_those_of_scipy(step):
             top, height = prominent_peaks(values, least)
             assert np.array_equal(top, wanted)
             assert np.array_equal(height, facts["prominences"])
+
+
+@pytest.mark.parametrize(("line_std_deg", "number"), [(1.0, 2), (12.0, 1)])
+def test_a_contact_whose_lines_scatter_as_stated_keeps_their_number(
+    line_std_deg, number
+):
+    # eight degrees apart: far beyond one degree, well within the deviations of a pair
+    truth = bearing_of(40.0, 120.0, 400)
+    record = drawn([truth], np.zeros(400))
+    frames = record.frames
+    count, nothing = frames.n_frames, np.zeros(frames.n_frames)
+    points = LinePoints(
+        line=np.ones(count, np.int64),
+        frame=np.arange(count),
+        time_s=frames.time_s,
+        state=np.zeros((count, 5, 2)),
+        measured=np.stack(
+            [nothing + 100.0, nothing + 0.1, truth + 8.0, nothing + line_std_deg,
+             nothing, nothing], axis=1,
+        ),
+        association=np.full(count, 2),
+    )  # fmt: skip
+    one = np.ones(1, np.int64)
+    table = LineTable(one, one, -one, np.array(["moving"]), np.zeros(1), no_families())
+    lines = to_lines(frames, points, table, {
+        "reference": "full scale", "false_lines_per_khz_hour": 1.0,
+        "weakest_line_snr_db": 1.0,
+    })  # fmt: skip
+    assert set(track_bearings(record, lines).contact.tolist()) == {number}

@@ -62,7 +62,7 @@ def scene(seed, *, recorders=3, frames=60, clock_std_s=1e-3, std_s=2e-4):
 def score(seed, **given):
     """Return the squared deviations of the best mode's place at 60 s, and its deviations."""
     delays, sensor, place = scene(seed, **given)
-    found = locate_vessels(sensors=[sensor], delays=delays, at=["60"])
+    found = locate_vessels(sensors=[sensor], delays=[delays], at=["60"])
     off = np.array([found.east_m[0], found.north_m[0]]) - place
     spread = found.covariance_m2[0]
     return float(off @ np.linalg.solve(spread, off)), np.sqrt(np.diagonal(spread))

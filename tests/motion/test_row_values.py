@@ -312,7 +312,8 @@ def answer_of(**changed):
     told = {
         "legs": SimpleNamespace(probability=0.01), "n_values": 40, "manoeuvring": True, "probability": None, "n_sources": 1,
         "data": SimpleNamespace(
-            bearing_deg=np.ones(20), line_id=np.ones(1), time_s=np.arange(20.0)
+            bearing_deg=np.ones(20), line_id=np.ones(1), time_s=np.arange(20.0),
+            is_aliased=None,
         ),
     }  # fmt: skip
     return SimpleNamespace(**(told | changed))
@@ -328,6 +329,24 @@ def test_what_is_less_certain_than_its_limit_is_not_given(std, hidden):
     found = table.reasons_of(mode_of(std=std), answer_of())
     assert set(found) == {*hidden, *(f"now_{name}" for name in hidden)}
     assert all("too little change of bearing" in why for why in found.values())
+
+
+@pytest.mark.parametrize("n_aliased", [0, 15, 20])
+def test_what_a_grating_lobe_may_stand_for_is_named_and_alone_not_given(n_aliased):
+    aliased = np.arange(20) < n_aliased
+    data = SimpleNamespace(
+        bearing_deg=np.ones(20), line_id=np.ones(1), time_s=np.arange(20.0),
+        is_aliased=aliased,
+    )  # fmt: skip
+    answer, mode = answer_of(data=data), mode_of()
+    found = table.reasons_of(mode, answer)
+    hidden = {"range_m", "bearing_deg", "speed_mps", "course_deg"}
+    named = {name for name in found if not name.startswith("now_")}
+    assert named == (hidden if n_aliased == 20 else set())
+    assert all("aliased: a grating lobe" in why for why in found.values())
+    told = table.report_of(mode, answer, found, manoeuvre_needed=False)
+    assert ("may stand for 75 % of the bearings" in told) == (n_aliased == 15)
+    assert ("range is not observable: aliased" in told) == (n_aliased == 20)
 
 
 @pytest.mark.parametrize(
@@ -359,11 +378,12 @@ def test_an_open_range_says_how_far_it_is_at_least_and_what_is_missing():
     nothing, mode.observability.rank = np.full(20, np.nan), 4
     for answer, words in (
         (answer_of(n_values=4), "4 values cannot fix 5 parameters"),
-        (answer_of(data=SimpleNamespace(bearing_deg=nothing, line_id=np.ones(1))),
+        (answer_of(data=SimpleNamespace(is_aliased=None, bearing_deg=nothing, line_id=np.ones(1))),
          "frequencies alone"),
         (answer_of(manoeuvring=False), "the bearing does not change"),
         (answer_of(manoeuvring=False, data=SimpleNamespace(
-            bearing_deg=np.ones(3), line_id=np.zeros(0))), "no frequency lines"),
+            bearing_deg=np.ones(3), line_id=np.zeros(0), is_aliased=None)),
+         "no frequency lines"),
     ):  # fmt: skip
         assert words in table.reasons_of(mode, answer)["range_m"]
     mode.observability.rank = 5

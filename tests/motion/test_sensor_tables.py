@@ -7,6 +7,7 @@ import pytest
 
 from tests.draws.sensor_tables import buoys, untold
 from uwtrack_cli.data.sensor import Navigation
+from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.motion.locate import locate_vessels
 from uwtrack_cli.motion.options import Nuisances
@@ -233,3 +234,33 @@ def test_fixes_follow_the_legs_of_a_target_that_alters():
     assert inside.max() < 13.8  # 99.9 % of two degrees of freedom
     assert np.sqrt(np.linalg.det(fixes.covariance_m2)).max() < 30.0**2
     assert fixes.speed_mps[[0, 2]] == pytest.approx([np.hypot(3, 1), 4.0], abs=0.25)
+
+
+@pytest.mark.parametrize(
+    ("sensors", "times", "missing"),
+    [
+        (("a", "a", "a"), (0, 60, 120), "a second sensor of the same time"),
+        (("a", "a", "b", "b"), (0, 60, 900, 960), "no two sensors have rows of the"),
+        (("a", "b", "a", "b"), (0, 0, 9, 9), "cross at too small an angle"),
+    ],
+)
+def test_a_table_without_a_position_says_its_rows_and_what_they_lack(
+    sensors, times, missing
+):
+    sensor, rows = np.array(sensors), len(sensors)
+    nothing = np.full(rows, np.nan)
+    series = Series(
+        contact=np.ones(rows, np.int64), time_s=np.array(times, float),
+        bearing_deg=30.0 + 0.01 * np.arange(rows), bearing_std_deg=np.ones(rows),
+        frequency_hz=np.zeros((rows, 0)), frequency_std_hz=np.zeros((rows, 0)),
+        level_db=nothing, level_std_db=nothing, sensor=sensor,
+        sensor_east_m=np.where(sensor == "a", 0.0, 50.0),
+        sensor_north_m=np.zeros(rows), contact_numbers="common",
+        sensor_id=np.unique(sensor),
+    )  # fmt: skip
+    fixes = locate_vessels(series=series)
+    assert fixes.time_s.size == 0
+    told = str(fixes.statement)
+    assert missing in told
+    assert f"a {sensors.count('a')} rows from {times[0]} to" in told
+    assert "'uwtrack tma' of the same table" in told

@@ -21,7 +21,7 @@ def test_the_ellipse_holds_the_source(recorders):
 def test_delays_without_errors_give_the_way_itself():
     delays, sensor, place = scene(33, frames=30, clock_std_s=0.0, std_s=1e-9)
     exact = replace(sensor, position_std_m=0.0)
-    found = locate_vessels(sensors=[exact], delays=delays, at=["60"])
+    found = locate_vessels(sensors=[exact], delays=[delays], at=["60"])
     # places of a metre and sound speeds of .5 % were drawn: the sound speed is an unknown
     off = np.hypot(found.east_m[0] - place[0], found.north_m[0] - place[1])
     assert off < 10.0
@@ -46,4 +46,4 @@ def test_delays_of_one_array_are_no_places():
     delays, sensor, _ = scene(30)
     one = replace(delays, clock_std_s=None)
     with pytest.raises(DataError, match="uwtrack directions"):
-        locate_vessels(sensors=[sensor], delays=one)
+        locate_vessels(sensors=[sensor], delays=[one])

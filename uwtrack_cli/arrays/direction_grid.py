@@ -74,7 +74,7 @@ class Bearing:
 
 @dataclass(frozen=True, eq=False)
 class SpatialArray:
-    """The hydrophones of a planar or volume array."""
+    """The hydrophones of a planar or volume array, or of a line where delays tell it."""
 
     places_m: FloatArray
     """Their places: starboard, ahead and up, shape (element, 3)."""
@@ -90,6 +90,21 @@ class SpatialArray:
     def _axes(self) -> tuple[FloatArray, FloatArray]:
         _, spans, axes = np.linalg.svd(self.centred_m, full_matrices=True)
         return np.append(spans, np.zeros(3 - spans.size)), axes
+
+    @cached_property
+    def measured_axes(self) -> FloatArray:
+        """Axes along which the array measures a direction, shape (1 to 3, 3)."""
+        if self.is_line:
+            return np.array([[0.0, 1.0, 0.0]])  # as `Sensor.element_xyz_m` lays it
+        if self.is_planar:  # the two across its normal
+            return np.asarray(np.linalg.svd(self.normal[None])[2][1:])
+        return np.eye(3)
+
+    @property
+    def is_line(self) -> bool:
+        """Whether all hydrophones lie on one line: it is planar as well."""
+        spans, _ = self._axes
+        return bool(spans[1] < FLAT_SHARE * spans[0])
 
     @property
     def is_planar(self) -> bool:
@@ -187,8 +202,11 @@ class SpatialArray:
 
         Directions u as heard, shape (n, 3), lie within the plane of a planar array, and
         have length 1 for a volume array; the heading is the array's. Of a planar array
-        the source above is taken, unless ``below`` its plane.
+        the source above is taken, unless ``below`` its plane. Of a line it is taken to
+        starboard and level with it, unless ``below``, to port; its elevation is nan.
         """
+        if self.is_line:
+            return _cone_bearings(toward, covariance, heading_deg, port=below)
         length = np.linalg.norm(toward, axis=1)
         full, spread = toward, covariance
         if self.is_planar:
@@ -234,6 +252,21 @@ class SpatialArray:
         rho = np.maximum(snr, 1e-6) / np.count_nonzero(weights)
         inverse = np.linalg.pinv(self.scatter_m2(weights), rcond=FLAT_SHARE**2)
         return np.asarray(inverse / (2.0 * rho * wave**2)[:, None, None])
+
+
+def _cone_bearings(
+    toward: FloatArray, covariance: FloatArray, heading_deg: FloatArray, *, port: bool
+) -> Bearing:
+    """Return the bearings of a line's cones on one of its sides."""
+    cosine = np.clip(toward[:, 1], -1.0, 1.0)
+    cone_deg = np.degrees(np.arccos(cosine)) * (-1.0 if port else 1.0)
+    unknown = np.full(cosine.size, np.nan)
+    return Bearing(
+        bearing_deg=(heading_deg + cone_deg) % 360.0,
+        bearing_std_deg=angle_std_deg(cosine, np.sqrt(covariance[:, 1, 1])),
+        elevation_deg=unknown,
+        elevation_std_deg=unknown,
+    )
 
 
 @dataclass(frozen=True, eq=False)

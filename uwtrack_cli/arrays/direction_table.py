@@ -14,7 +14,7 @@ from uwtrack_cli.arrays.broadband_directions import DirectionLobes, FoundDirecti
 from uwtrack_cli.arrays.direction_grid import SpatialArray
 from uwtrack_cli.constants import SOURCE_DEPTH_M, SOURCE_DEPTH_STD_M
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.data.directions import Directions
+from uwtrack_cli.data.directions import LINE, Directions
 from uwtrack_cli.data.sensor import Sensor
 
 SURE_DEVIATIONS = 8.0
@@ -46,6 +46,8 @@ class TableFacts:
 
 def ambiguity_of(array: SpatialArray) -> str:
     """Return what the shape of an array leaves open, as in `Directions`."""
+    if array.is_line:
+        return LINE
     if not array.is_planar:
         return "none"
     return "elevation" if array.is_level else "plane"
@@ -171,7 +173,8 @@ def _lobes(
 ) -> tuple[DirectionLobes, FloatArray, FloatArray]:
     """Return the other directions, their bearings and elevations.
 
-    Of a plane every direction has an image on the other side, as likely as itself.
+    Of a plane, or a line, every direction has an image on the other side, as likely as
+    itself.
     """
     lobes, is_below = found.lobes, np.zeros(found.lobes.frame.size, np.bool_)
     if array.is_planar:

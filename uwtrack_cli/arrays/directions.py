@@ -3,7 +3,8 @@
 **Method.** The slowness of a plane wave follows from the delays of all pairs by least
 squares, with as many free components as the array has dimensions. Its length is a check
 that costs nothing: of an array in space it must be that of the sound speed, of a plane
-at most that. Two sources, echoes, a wrong sound speed or channels in a wrong order show
+or a line at most that. A line, such as a pair of hydrophones, tells the angle from it: a
+bearing on either side. Two sources, echoes, a wrong sound speed or channels in a wrong order show
 there or in what the fit leaves, and such a frame has no direction.
 
 **Conventions.** As in `direction_grid`: u = c s points to the source.
@@ -69,8 +70,9 @@ class _Fit(NamedTuple):
 def find_directions(delays: Delays, sensor: Sensor) -> Directions:
     """Estimate directions of arrival from the delays between hydrophones.
 
-    Bearings and elevations go on into cpa, together with levels. A frame whose delays
-    cannot be those of one distant source has none.
+    Bearings and elevations go on into cpa, together with levels; those of a line, which
+    may be to either side, into tma, and into locate with those of other arrays. A frame
+    whose delays cannot be those of one distant source has none.
 
     Parameters
     ----------
@@ -136,16 +138,18 @@ def find_directions(delays: Delays, sensor: Sensor) -> Directions:
 
 
 def _array_of(sensor: Sensor) -> SpatialArray:
-    if sensor.element_positions_m is None:
+    if not len(sensor.element_xyz_m):
         msg = (
-            f"directions from delays need an array with element_positions_m, and sensor "
-            f"{sensor.id!r} has none: give its sensor file (--sensor)."
+            f"directions from delays need an array with element_along_m or "
+            f"element_positions_m, and sensor {sensor.id!r} has none: give its sensor "
+            f"file (--sensor)."
         )
         raise DataError(msg)
     if sensor.heading_source != "fixed":
         msg = (
             f"directions from delays need a fixed array: give heading_deg in the sensor "
-            f"file of {sensor.id!r} (0 if y of the positions is north), or use 'uwtrack "
+            f"file of {sensor.id!r} (0 if y of the positions is north, and of a "
+            f"line the direction of its head), or use 'uwtrack "
             f"beamform' for one that moves."
         )
         raise DataError(msg)
@@ -194,9 +198,7 @@ def _fit(
 ) -> _Fit | None:
     """Fit a plane wave to the delays of one time; None if they are too few."""
     design = apart[rows] / array.sound_speed_mps
-    axes = np.eye(3)
-    if array.is_planar:  # the two across its normal
-        axes = np.linalg.svd(array.normal[None])[2][1:]
+    axes = array.measured_axes
     reduced = design @ axes.T / delays.delay_std_s[rows, None]
     if np.linalg.matrix_rank(reduced) < len(axes):
         return None
@@ -237,14 +239,15 @@ def _sharing(array: SpatialArray, delays: Delays, rows: IntArray) -> float:
 
 def _tell_too_few(array: SpatialArray, delays: Delays, n_frames: int) -> None:
     """Say that no frame has delays of pairs enough."""
-    needed = 2 if array.is_planar else 3
+    needed = len(array.measured_axes)
     if not n_frames:
         msg = "there are no delays: no frame has a direction."
         warn(msg, UwtrackWarning, stacklevel=3)
         return
+    shape = ("", " that do not lie in one line", " that do not lie in one plane")
     msg = (
-        f"none of {n_frames} frames has a direction: each needs delays of {needed} pairs "
-        f"that do not lie in one {'line' if array.is_planar else 'plane'}, and "
+        f"none of {n_frames} frames has a direction: each needs delays of {needed} "
+        f"pair{'s' * (needed > 1)}{shape[needed - 1]}, and "
         f"{delays.time_s.size} delays are there. Is a hydrophone dead or inverted, or the "
         f"sound too weak? 'uwtrack beamform' detects weaker sound."
     )

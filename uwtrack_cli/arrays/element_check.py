@@ -17,8 +17,8 @@ from uwtrack_cli.errors import DataError, UwtrackWarning
 DEAD_DB, HOT_DB = 20.0, 8.0
 """Distance of a level from the median at which a hydrophone is left out, and told."""
 
-FEWEST_ALIVE = 3
-"""Hydrophones that a beam needs."""
+FEWEST_ALIVE = 2
+"""Hydrophones that a beam needs: two tell an angle."""
 
 SURE_DEVIATIONS = 6.0
 """Deviations of a correlation of noise from which its sign counts."""

@@ -71,7 +71,8 @@ HEARD_SHARE = 0.5
 """Share of the averages of its time in which a contact is heard at least."""
 
 SAME_DEG = 3.0
-"""Bearings that differ by less, in the median, are those of one contact."""
+"""Bearings that differ by less, in the median and beside their own deviations, are those
+of one contact."""
 
 
 @checked
@@ -380,6 +381,11 @@ def _contact_of(track: _BearingTrack, lines: Lines) -> int:
             continue
         nearest = np.abs(lines.time_s[own][:, None] - track.time_s).argmin(axis=1)
         apart = wrap_deg(lines.measured_bearing_deg[own] - track.bearing_deg[nearest])
-        if float(np.median(np.abs(apart))) < best:
-            best, number = float(np.median(np.abs(apart))), int(contact)
+        # a pair of hydrophones scatters by more than that
+        spread = np.hypot(
+            lines.measured_bearing_std_deg[own], track.bearing_std_deg[nearest]
+        )
+        off = float(np.median(np.abs(apart) / np.hypot(1.0, spread / SAME_DEG)))
+        if off < best:
+            best, number = off, int(contact)
     return number

@@ -16,6 +16,9 @@ from uwtrack_cli.data.base import (
     scalar,
 )
 
+LINE = "line"
+"""Ambiguity of a line array: the other side of it fits as well."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Directions(Container):
@@ -36,12 +39,13 @@ class Directions(Container):
     bearing_deg: FloatArray = column("Compass bearing; nan without heading.")
     bearing_std_deg: FloatArray = deviation()
     elevation_deg: FloatArray = column(
-        "Angle above the horizontal; a level plane has no sign."
+        "Angle above the horizontal; a level plane has no sign, and a line none at all: "
+        "its bearing is that of a source level with it."
     )
     elevation_std_deg: FloatArray = deviation()
     slowness_ratio: FloatArray = column(
         "Slowness as measured times the sound speed: of a level plane that along the "
-        "ground; of a volume array 1."
+        "ground, of a line that along it; of a volume array 1."
     )
     slowness_ratio_std: FloatArray = column(
         "Its standard deviation; nan for a volume array."
@@ -86,7 +90,8 @@ class Directions(Container):
     band_high_hz: float = scalar("Upper edge of the band; nan for delays.")
     method: str = scalar("'beams' or 'delays'.")
     ambiguity: str = scalar(
-        "'none', 'elevation' (its sign is open) or 'plane' (both sides of it)."
+        "'none', 'elevation' (its sign is open), 'plane' (both sides of it) or 'line' "
+        "(bearings to starboard; those to port are its lobes)."
     )
     reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")
     sensor: str = scalar("Identifier of the sensor.")

@@ -36,7 +36,8 @@ class LinePoints(Rows):
     unwrapped), shape (point, 5, 2)."""
     measured: FloatArray
     """Associated measurement: frequency and its deviation (Hz), bearing and its
-    deviation (degree), level (dB), SNR (dB); nan if coasted; shape (point, 6)."""
+    deviation (degree), level (dB), SNR (dB); nan if coasted; shape (point, 6). Of peaks
+    also 1 where the bearing may be a grating lobe's, shape (point, 7)."""
     association: IntArray
     """How the point was measured, as `Lines.association`, shape (point,)."""
 
@@ -128,10 +129,13 @@ def to_lines(
     points: LinePoints,
     table: LineTable,
     scalars: dict[str, Any],
+    *,
+    has_lobes: bool = False,
 ) -> Lines:
     """Make the container of a block from final points and the table of lines.
 
-    The table has no rows before the end; ``scalars`` are the single values of `Lines`.
+    The table has no rows before the end; ``scalars`` are the single values of `Lines`;
+    ``has_lobes``: whether it is known which bearings may be those of grating lobes.
     """
     frequency, bearing = points.state[:, :, 0], points.state[:, :, 1]
     measured = points.measured
@@ -154,6 +158,9 @@ def to_lines(
         measured_bearing_std_deg=measured[:, 3],
         measured_level_db=measured[:, 4],
         measured_snr_db=measured[:, 5],
+        measured_is_aliased=(
+            (measured[:, 6:] == 1.0).any(axis=1) if has_lobes else None
+        ),
         association=points.association,
         line_id=table.line,
         line_contact=table.contact,

@@ -143,7 +143,11 @@ def _points(
     order = np.lexsort((time_s, number))
     columns: dict[str, Any] = {}
     for name, spec in Lines.columns().items():
-        if spec.axes[0] == "point" and name not in {"line", "frame", "window_s"}:
+        if name in {"line", "frame", "window_s"} or any(
+            getattr(one, name) is None for one in lines
+        ):
+            continue
+        if spec.axes[0] == "point":
             parts = [
                 getattr(one, name)[own] for one, own in zip(lines, rows, strict=True)
             ]

@@ -17,6 +17,7 @@ from the closest approaches.
 import warnings
 from contextlib import suppress
 from datetime import UTC, datetime
+from itertools import combinations
 from typing import Annotated
 
 import numpy as np
@@ -65,7 +66,7 @@ def locate_vessels(  # noqa: PLR0913 (five inputs that may be absent)
     sensors: list[Sensor] | None = None,
     series: Series | None = None,
     directions: list[Directions] | None = None,
-    delays: Delays | None = None,
+    delays: list[Delays] | None = None,
     *,
     at: list[str] | None = None,
     every_s: Annotated[float | None, Unit("s"), AtLeast(1e-3), AtMost(1e7)] = None,
@@ -90,7 +91,8 @@ def locate_vessels(  # noqa: PLR0913 (five inputs that may be absent)
     directions
         Directions that several arrays heard, where no closest approaches are given.
     delays
-        Delays between three synchronised recorders or more, each with its place.
+        Delays between three synchronised recorders or more, each with its place: those
+        of one set of recorders.
     at
         Times of the positions: UTC such as 2026-01-31T12:00:00Z, or seconds from
         the first sample.
@@ -137,8 +139,15 @@ def locate_vessels(  # noqa: PLR0913 (five inputs that may be absent)
             )
             raise DataError(msg)
         return _cross_fixes(series, at, every_s, until, contact_numbers)
-    if not encounters and delays is not None:
-        return _fixes_of_delays(delays, sensors or [], at, every_s, until)
+    if not encounters and delays:
+        if len(delays) > 1:
+            msg = (
+                f"the delays are of {len(delays)} recordings: positions come from those "
+                f"of one set of recorders, or from the directions of several arrays "
+                f"('uwtrack directions' of each first)."
+            )
+            raise DataError(msg)
+        return _fixes_of_delays(delays[0], sensors or [], at, every_s, until)
     if encounters is None:
         msg = "positions need closest approaches, or a table of bearings with sensors."
         raise DataError(msg)
@@ -219,7 +228,35 @@ def _cross_fixes(
         own = answer.data.time_s
         times = fix_times(own[[0, -1]], series.start_utc_ns, at, every_s, until)
         answers.append((answer, times))
+    if unplaced and not answers:
+        unplaced.append(_what_is_missing(series))
     return fixes_of_answers(answers, series, unplaced, pairings)
+
+
+def _what_is_missing(series: Series) -> str:
+    """Say which rows a table without a position has, what they lack, and what to do."""
+    heard: list[str] = []
+    spans: list[tuple[float, float]] = []
+    for name in np.unique(sensor := np.asarray(series.sensor)).tolist():
+        time_s = series.time_s[sensor == name]
+        spans.append((float(time_s.min()), float(time_s.max())))
+        rows = f"{time_s.size} row" + "s" * (time_s.size > 1)
+        heard.append(f"{name} {rows} from {spans[-1][0]:.0f} to {spans[-1][1]:.0f} s")
+    missing = (
+        "their bearings cross at too small an angle, or are too uncertain, or are not "
+        "known to be of one vessel (--contact-numbers common)"
+    )
+    if len(spans) == 1:
+        missing = "positions need the bearings of a second sensor of the same time"
+    elif all(
+        one[1] < other[0] or other[1] < one[0] for one, other in combinations(spans, 2)
+    ):
+        missing = "no two sensors have rows of the same time"
+    return (
+        f"The table has of {'; '.join(heard)}: {missing}. 'uwtrack tma' of the same "
+        f"table gives the motions that fit, with the intervals of their ranges; longer "
+        f"records and frequencies narrow them."
+    )
 
 
 def _fixes_of_delays(

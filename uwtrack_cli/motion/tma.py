@@ -23,6 +23,7 @@ import numpy as np
 
 from uwtrack_cli.constants import SOUND_SPEED_WATER_MPS, SOURCE_DEPTH_M
 from uwtrack_cli.data.bearing_time import MIRROR, BearingTime
+from uwtrack_cli.data.directions import Directions
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked
@@ -31,6 +32,7 @@ from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.motion.options import Misfit, MotionModel, Nuisances, Search
 from uwtrack_cli.motion.passage.fit.nuisances import COMPASS_STD_DEG
+from uwtrack_cli.motion.passage.model.direction_bearings import bearing_series
 from uwtrack_cli.motion.sound_speed import sound_speed_std
 from uwtrack_cli.motion.target_motion.contact import analyse_contacts
 from uwtrack_cli.motion.target_motion.contact_pairing import (
@@ -62,6 +64,7 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     navigation: Navigation | None = None,
     sensor: Sensor | None = None,
     bearing_time: BearingTime | None = None,
+    directions: Directions | None = None,
     *,
     solver: Literal["mle", "recursive", "genetic", "annealing"] = "mle",
     array_heading: Literal["auto", "none", "course", "heading"] = "auto",
@@ -102,6 +105,9 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
         The sensor that recorded the lines: its navigation, sound speed and compass.
     bearing_time
         Record of the array that heard the lines: where it was, and how it pointed.
+    directions
+        Directions that an array heard, from delays, where there is nothing else: those
+        of a line, such as two hydrophones, are fitted on both sides.
     solver
         How the minimum is found: mle descends from many starts, is exact and the
         fastest; recursive updates the estimate with every row and is the fastest for
@@ -159,7 +165,7 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     (theta_k(p) - theta_k) / sigma and (f_nk(p) - f_nk) / sigma with
     f = f0 (1 - rate / c) (Chang et al. 2003, eqs 1-4, corrected).
     """
-    contacts = _contacts(series, lines, is_array=bearing_time is not None)
+    contacts = _contacts(series, lines, directions, is_array=bearing_time is not None)
     is_of_sensors = series is not None and series.sensor is not None
     if series is not None and is_of_sensors:
         check_sensors(series)
@@ -298,9 +304,15 @@ def _height(sensor: Sensor | None) -> float:
 
 
 def _contacts(
-    series: Series | None, lines: Lines | None, *, is_array: bool
+    series: Series | None,
+    lines: Lines | None,
+    directions: Directions | None,
+    *,
+    is_array: bool,
 ) -> list[Measurements]:
     """Take the inputs apart; contacts of an array that have no lines come after."""
+    if series is None and lines is None and directions is not None:
+        return measurements_from_series(bearing_series(directions))
     if (series is None) == (lines is None) and not (is_array and series is not None):
         found = "neither" if series is None else "both"
         msg = (

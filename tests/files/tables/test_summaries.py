@@ -112,3 +112,16 @@ def test_the_sensor_is_spared_only_where_there_is_one():
 @pytest.mark.parametrize("name", SUMMARIES)
 def test_what_can_be_spared_is_a_column(name):
     assert set(SPARE[name]) <= {head.title for head in SUMMARIES[name]}
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "text"),
+    [(895.2, 1904.0, "895 to 1904"), (895.2, None, "> 895"), (None, 1904.0, "< 1904")],
+)
+def test_a_motion_shows_the_interval_of_its_range_and_no_open_end(low, high, text):
+    row = {"contact": 1, "range_m": None, "range_low_m": low, "range_high_m": high}
+    table = summary_of("motions", [row])
+    assert table.rows[0][table.titles.index("range 95 % m")] == text
+    assert "range 95 % m" not in table.spare
+    open_range = row | {"range_low_m": None, "range_high_m": None}
+    assert "range 95 % m" not in summary_of("motions", [open_range]).titles

@@ -43,7 +43,7 @@ FULL_SCALE_DB = (60.0, 240.0)
 MAX_ID = 200
 """Most characters of an identifier."""
 
-FEWEST_ELEMENTS = 3
+FEWEST_ELEMENTS = 2
 """Hydrophones that an array needs."""
 
 APERTURES_M = (0.01, 2000.0)

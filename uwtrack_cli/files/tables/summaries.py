@@ -64,6 +64,22 @@ class Head:
         return f"{value:.{digits}f} ± {deviation:.{digits}f}"
 
 
+class _Interval(Head):
+    """An interval; an end that the data leave open is not written."""
+
+    def text(self, row: Row) -> str:
+        """Return the cell of a row."""
+        low, high = (row.get(self.key.format(end)) for end in ("low", "high"))
+        if low is None and high is None:
+            return NOT_KNOWN
+        digits = self.digits or 0
+        if high is None:
+            return f"> {low:.{digits}f}"
+        if low is None:
+            return f"< {high:.{digits}f}"
+        return f"{low:.{digits}f} to {high:.{digits}f}"
+
+
 class _SegmentModel(Head):
     """Motion model of a segment: of one that is no passage with its probability.
 
@@ -132,6 +148,7 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
         Head("mode", "mode"),
         Head("weight", "weight", 3),
         Head("range m", "range_m", 0, "range_std_m"),
+        _Interval("range 95 % m", "range_{}_m", 0),
         Head("bearing deg", "bearing_deg", 2, "bearing_std_deg"),
         Head("speed m/s", "speed_mps", 2, "speed_std_mps"),
         Head("course deg", "course_deg", 1, "course_std_deg"),
@@ -164,7 +181,15 @@ SPARE: dict[str, tuple[str, ...]] = {
         "speed m/s",
         "course deg",
     ),
-    "motions": ("weight", "mode", "observable", "joined", "joined P"),
+    "motions": (
+        "weight",
+        "mode",
+        "observable",
+        "joined",
+        "joined P",
+        "course deg",
+        "speed m/s",
+    ),
     "presence": (
         "sensor",
         "level dB",

@@ -29,7 +29,8 @@ class FramePeaks:
     """Variances of the bearings; inf where unknown; shape (peak,)."""
     measured: FloatArray
     """Frequency and its deviation (Hz), bearing and its deviation (degree), level (dB),
-    SNR (dB), as `LinePoints.measured`, shape (6, peak)."""
+    SNR (dB), and 1 where a grating lobe may stand for the bearing, else 0, as
+    `LinePoints.measured`, shape (7, peak)."""
     is_detection: BoolArray
     """Whether a peak exceeds the detection threshold, shape (peak,)."""
     is_in_family: BoolArray
@@ -68,10 +69,12 @@ class Choice:
 def split_frames(block: Families | Peaks, peaks: Peaks) -> Iterator[FramePeaks]:
     """Yield the peaks of each frame of a block, those of empty frames, too."""
     frames = peaks.frames
+    aliased = peaks.is_aliased
     measured = np.stack([
         np.asarray(column, dtype=float) for column in (
             peaks.frequency_hz, peaks.frequency_std_hz, peaks.bearing_deg,
             peaks.bearing_std_deg, peaks.level_db, peaks.snr_db,
+            np.zeros(peaks.frame.size) if aliased is None else aliased,
         )
     ])  # fmt: skip
     variance = np.maximum(measured[1], LEAST_STD / frames.window_s) ** 2

@@ -35,7 +35,7 @@ LAG_FRAMES = 256
 UNKNOWN_BEARING_VARIANCE = 1e8
 """Variance in degree^2 of a bearing that was never measured."""
 
-_STATE_ROWS, _DENSITY_ROWS, _MEASURED_ROWS = 10, 2, 6
+_STATE_ROWS, _DENSITY_ROWS, _MEASURED_ROWS = 10, 2, 7
 _MEASURED = _STATE_ROWS + _DENSITY_ROWS
 _ASSOCIATION = _MEASURED + _MEASURED_ROWS
 _N_ROWS = _ASSOCIATION + 1
@@ -181,7 +181,7 @@ class TrackStore:
     def note_peaks(
         self, slots: IntArray, measured: FloatArray, is_detection: BoolArray
     ) -> None:
-        """Note the peaks that lines take: `LinePoints.measured`, and if detections."""
+        """Note the peaks that lines take: `FramePeaks.measured`, and if detections."""
         self._table[_MEASURED:_ASSOCIATION, slots] = measured
         self.association[slots] = np.where(is_detection, DETECTED, SUB_THRESHOLD)
 
@@ -233,7 +233,7 @@ class TrackStore:
         """Start tentative lines, a peak each.
 
         Entries of states and densities have the shape (2, line), the rows of
-        `LinePoints.measured` (6, line). Scores are in nepers, the precision is the
+        `FramePeaks.measured` (7, line). Scores are in nepers, the precision is the
         reciprocal variance of a measured frequency, 1/Hz^2.
         """
         count = score.size

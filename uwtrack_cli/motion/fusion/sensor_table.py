@@ -14,7 +14,7 @@ import numpy as np
 from uwtrack_cli.acoustics.geodesy import Origin, to_grid
 from uwtrack_cli.constants import NANOSECONDS, SOURCE_DEPTH_M
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.data.directions import Directions
+from uwtrack_cli.data.directions import LINE, Directions
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.series import Series
@@ -337,7 +337,8 @@ def _stack(parts: list[Approaches]) -> Approaches:
 def bearings_of_arrays(directions: list[Directions], sensors: list[Sensor]) -> Series:
     """Return the directions that arrays at several places heard, as one table.
 
-    Every source that an array follows is a contact of its own number there.
+    Every source that an array follows is a contact of its own number there. Those of a
+    line have their bearings on both of its sides.
 
     Raises
     ------
@@ -360,9 +361,13 @@ def bearings_of_arrays(directions: list[Directions], sensors: list[Sensor]) -> S
     if told and len(told) < len(starts):
         raise DataError(SOME_STARTS)
     first = min(told) if told else None
+    is_open = any(one.ambiguity == LINE for one in directions)
     parts = []
     for one in directions:
         heard = bearing_series(one)
+        if is_open and heard.mirrored_bearing_deg is None:
+            resolved = np.full(heard.time_s.size, np.nan)
+            heard = replace(heard, mirrored_bearing_deg=resolved)
         if heard.start_utc_ns is not None and first is not None:
             late_s = (heard.start_utc_ns - first) / NANOSECONDS
             heard = replace(heard, time_s=heard.time_s + late_s, start_utc_ns=first)

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
-from uwtrack_cli.data.directions import Directions
+from uwtrack_cli.data.directions import LINE, Directions
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import Levels
@@ -154,7 +154,11 @@ def bearing_series(directions: Directions) -> Series:
     kept = kept[np.lexsort((directions.time_s[kept], contact[kept]))]
     n = kept.size
     nothing = np.full(n, np.nan)
+    mirrored = None
+    if directions.ambiguity == LINE:  # the one lobe of every direction
+        mirrored = directions.lobe_bearing_deg[kept]
     return Series(
+        mirrored_bearing_deg=mirrored,
         contact=contact[kept],
         time_s=directions.time_s[kept],
         bearing_deg=directions.bearing_deg[kept],
