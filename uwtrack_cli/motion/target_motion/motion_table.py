@@ -153,6 +153,8 @@ def report_of(
     parts.append(f"weakest direction: {seen.weakest}")
     if manoeuvre_needed:
         parts.append("a manoeuvre of own ship is needed")
+    elif not answer.manoeuvring and answer.problem.bounce is not None:
+        parts.append("own ship does not manoeuvre: the range rests on the bounce")
     elif not answer.manoeuvring and answer.data.line_id.size:
         parts.append("own ship does not manoeuvre: the range rests on Doppler")
     parts.append(
@@ -229,6 +231,11 @@ NAVIGATION_STATEMENT = (
     "--nuisances-velocity-std-mps, or navigation_position_std_m and "
     "navigation_velocity_std_mps of the sensor file; 0 is exact)."
 )
+BOUNCE_STATEMENT = (
+    "Delays of a reflected path count as ranges ({}): they take the reflecting plane to be "
+    "level and rays to be straight, and a depth that is wrong by more than was told leaves "
+    "no trace."
+)
 SENSORS_STATEMENT = (
     "Positions depend on those of the sensors and on their compasses: an error of all "
     "compasses alike turns the motion about the sensors, and leaves little trace."
@@ -286,6 +293,8 @@ def _statement(
     words = [*joined, STATEMENT.format(speed=options.sound_speed_mps)]
     own = options.nuisances
     words += _expected(options.prior)
+    if options.bounce is not None:
+        words.append(BOUNCE_STATEMENT.format(options.bounce.words))
     if own.is_usual_navigation and not any(crossing):
         words.append(
             NAVIGATION_STATEMENT.format(
@@ -582,12 +591,13 @@ def _rest_table(
     number = 0
     for answer in answers:
         for mode in answer.modes:
-            std = np.sqrt(np.maximum(np.diagonal(mode.covariance)[mode.q.size :], 0.0))
+            lines = slice(mode.q.size, mode.q.size + answer.data.line_id.size)
+            std = np.sqrt(np.maximum(np.diagonal(mode.covariance)[lines], 0.0))
             hidden = "rest_frequencies_hz" in reasons[number]
             rows += [
                 (number, int(line), np.nan if hidden else float(f), float(s))
                 for line, f, s in zip(
-                    answer.data.line_id, mode.rest_hz, std, strict=True
+                    answer.data.line_id, mode.rest_hz[: std.size], std, strict=True
                 )
             ]
             number += 1
