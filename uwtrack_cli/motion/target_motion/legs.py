@@ -622,7 +622,7 @@ class _Parts:
             speed[one.lines] = scale * ((1.0 if is_tone else 0.0) - one.shape[0])
         self.state = np.concatenate(state)
         time = problem.row_time_s
-        streams, n_lines = len(shape_b), problem.n_lines
+        streams, n_lines = shape_b[0], problem.n_lines
         self.time_s = np.tile(time, streams + n_lines)
         std = problem.offset_std_rad
         n_constant = 1 if std is None else streams

@@ -172,7 +172,7 @@ def residuals(
     off, offset = _without_offsets(problem, off)
     scaled = scaled_lines(problem, prediction)
     if rest_hz is None:
-        rest_hz = _rest_frequencies(problem, scaled, frequency_data)
+        rest_hz = _rest_frequencies(problem, scaled, frequency_data, len(state))
     frequency = _line_errors(scaled, rest_hz, frequency_data)
     return Residuals(
         off * problem.bearing_weight,
@@ -251,19 +251,25 @@ def _line_errors(
     scaled: tuple[ScaledLines, ...], rest_hz: FloatArray, data_hz: FloatArray
 ) -> FloatArray:
     """Return model less data of all lines, shape (trials, lines, rows)."""
+    if not scaled:
+        return np.empty((len(rest_hz), 0, data_hz.shape[-1]))
     parts = [
         rest_hz[:, one.lines, np.newaxis] * one.shape[:, np.newaxis]
         - data_hz[:, one.lines]
         for one in scaled
     ]
-    empty = np.empty((len(rest_hz), 0, data_hz.shape[-1]))
-    return parts[0] if len(parts) == 1 else np.concatenate([empty, *parts], 1)
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, 1)
 
 
 def _rest_frequencies(
-    problem: Problem, scaled: tuple[ScaledLines, ...], data_hz: FloatArray
+    problem: Problem,
+    scaled: tuple[ScaledLines, ...],
+    data_hz: FloatArray,
+    n_trials: int,
 ) -> FloatArray:
     """Return the best rest frequencies, and the best factor of delays."""
+    if not scaled:
+        return np.empty((n_trials, 0))
     found = [
         _best_scales(
             problem, one.shape, data_hz[:, one.lines],
@@ -271,7 +277,7 @@ def _rest_frequencies(
         )
         for one in scaled
     ]  # fmt: skip
-    return np.concatenate(found, 1) if found else np.empty((len(data_hz), 0))
+    return np.concatenate(found, 1)
 
 
 def _best_scales(
