@@ -12,6 +12,7 @@ from uwtrack_cli.files.tables.series import read_series
 from uwtrack_cli.motion.options import BounceGeometry, Nuisances
 from uwtrack_cli.motion.target_motion.bounce import bounce_of
 from uwtrack_cli.motion.target_motion.contact import build_problem
+from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target_motion.inputs import measurements_from_series
 from uwtrack_cli.motion.target_motion.model import from_state
 from uwtrack_cli.motion.target_motion.modes import TmaOptions
@@ -67,7 +68,10 @@ def test_the_factor_holds_what_the_depths_may_be_far_away(path):
 
 
 def problem_of(table, bounce):
-    options = TmaOptions(sound_speed_mps=1500.0, is_table=True, bounce=bounce)
+    exact = NuisanceDeviations()
+    options = TmaOptions(
+        nuisances=exact, sound_speed_mps=1500.0, is_table=True, bounce=bounce
+    )
     return build_problem(measurements_from_series(table)[0], options)
 
 
@@ -117,6 +121,15 @@ def test_delays_tell_the_range_that_bearings_do_not():
         bounce_delays.GEOMETRY, source_depth_std_m=0.0, water_depth_std_m=0.0
     )
     assert estimate(table, own, bounce=exact).range_std_m[0] < 0.5 * bound
+
+
+def test_the_recursive_solver_knows_the_depths_alike():
+    table, own, _, bound = bounce_delays.draw(9008)
+    one, other = (
+        estimate(table, own, bounce=bounce_delays.GEOMETRY, solver=solver)
+        for solver in ("mle", "recursive")
+    )
+    assert other.range_m[0] == pytest.approx(one.range_m[0], abs=0.01 * bound)
 
 
 def test_outliers_among_delays_move_the_range_little():
