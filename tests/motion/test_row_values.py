@@ -312,7 +312,8 @@ def answer_of(**changed):
     told = {
         "legs": SimpleNamespace(probability=0.01), "n_values": 40, "manoeuvring": True, "probability": None, "n_sources": 1,
         "data": SimpleNamespace(
-            bearing_deg=np.ones(20), line_id=np.ones(1), time_s=np.arange(20.0)
+            bearing_deg=np.ones(20), line_id=np.ones(1), time_s=np.arange(20.0),
+            bounce_delay_s=None,
         ),
     }  # fmt: skip
     return SimpleNamespace(**(told | changed))

@@ -153,7 +153,7 @@ def report_of(
     parts.append(f"weakest direction: {seen.weakest}")
     if manoeuvre_needed:
         parts.append("a manoeuvre of own ship is needed")
-    elif not answer.manoeuvring and answer.problem.bounce is not None:
+    elif not answer.manoeuvring and answer.data.bounce_delay_s is not None:
         parts.append("own ship does not manoeuvre: the range rests on the bounce")
     elif not answer.manoeuvring and answer.data.line_id.size:
         parts.append("own ship does not manoeuvre: the range rests on Doppler")
