@@ -1,6 +1,7 @@
 """Noise of the rows of a contact, against dense covariances and drawn noise."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from studies.tma_scenarios import make_problem, make_scenario
 from tests.motion.sonar_scene import Scene
 from tests.motion.test_target_laws import STATE
 from uwtrack_cli.motion.coloured_noise import ColouredNoise
+from uwtrack_cli.motion.target_motion.bounce import Bounce
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target_motion.objective import residuals
 from uwtrack_cli.motion.target_motion.row_noise import (
@@ -21,19 +23,29 @@ from uwtrack_cli.motion.target_motion.row_noise import (
 KNOWN = NuisanceDeviations(
     own_position_m=30.0, own_velocity_mps=0.3, correlation_time_s=90.0
 )
+BOUNCE = Bounce(90.0, 120.0, 0.0, 0.1, "")
 MEMORY = ColouredNoise(np.array([2.0, 0.5]), np.array([70.0, 400.0]), 0.8)
 
 
 def made(doppler="instantaneous"):
-    """A problem of one platform, and the residuals of its motion."""
+    """A problem of one platform with delays, and the residuals of its motion."""
     problem = replace(Scene(1, doppler).problem(offsets=False), sensor=None)
+    r = residuals(problem, STATE[np.newaxis])
+    delay, _ = BOUNCE.delay_s(r.prediction.range_m, problem.sound_speed_mps)
+    heard = np.arange(problem.n_rows) % 2
+    problem = replace(
+        problem, bounce=BOUNCE,
+        frequency_hz=np.concatenate([problem.frequency_hz, 1.01 * delay[np.newaxis]], 1),
+        frequency_weight=np.concatenate([problem.frequency_weight, [2e3 * heard]]),
+    )  # fmt: skip
     return problem, residuals(problem, STATE[np.newaxis])
 
 
 def dense(problem, r, colours):
     """The covariance by its definition: every pair of values of every cause."""
     streams, time = len(problem.bearing_weight), problem.row_time_s
-    kind = np.repeat(np.arange(streams + problem.n_lines) >= streams, time.size)
+    tones = problem.n_lines - 1
+    kind = np.repeat([0] * streams + [1] * tones + [2], time.size)
     at = np.tile(time, streams + problem.n_lines)
     _, share = whitened(problem, r)
     over = problem.track.interval_s[0]
@@ -42,25 +54,32 @@ def dense(problem, r, colours):
     across = np.tile(
         np.hypot(*r.prediction.bearing_jacobian[0, :2]), streams + problem.n_lines
     )
-    slope = np.repeat(r.rest_hz[0] / problem.sound_speed_mps, time.size)
+    slope = np.repeat(r.rest_hz[0, :-1] / problem.sound_speed_mps, time.size)
     turn = np.where(kind, 0.0, share * weight * across)
-    rate = np.zeros(at.size)
-    rate[kind] = (share * weight)[kind] * slope
+    rate, near = np.zeros(at.size), np.zeros(at.size)
+    rate[kind == 1] = (share * weight)[kind == 1] * slope
+    # the delay by its differences
+    range_m = r.prediction.range_m[0]
+    up, down = (
+        BOUNCE.delay_s(range_m + step, problem.sound_speed_mps)[0] for step in (1, -1)
+    )
+    near[kind == 2] = (share * weight)[kind == 2] * r.rest_hz[0, -1] * (down - up) / 2
 
     def like(a, b, memory_s):
         return np.exp(-np.abs(a[:, None] - b) / memory_s)
 
     tau = KNOWN.correlation_time_s
     late = early + over
-    moved = like(late, late, tau) + like(early, early, tau)
-    moved -= like(late, early, tau) + like(early, late, tau)
     found = np.outer(turn, turn) * KNOWN.own_position_m**2 * like(at, at, tau)
-    found += np.outer(rate, rate) / over**2 * KNOWN.own_position_m**2 * moved
+    # all that own places along the line of sight move
+    forms = ((late, rate / over), (early, -rate / over), (at, near))
+    for (one, a), (other, b) in product(forms, forms):
+        found += np.outer(a, b) * KNOWN.own_position_m**2 * like(one, other, tau)
     found += np.outer(rate, rate) * KNOWN.own_velocity_mps**2 * like(at, at, tau)
     white = np.ones(at.size)
     measured = weight > 0
     for which, colour in enumerate(colours):
-        own = kind == bool(which)
+        own = kind == which
         white[own] = colour.inflation
         rows = np.zeros(time.size)
         np.add.at(
@@ -79,7 +98,7 @@ def dense(problem, r, colours):
 @pytest.mark.parametrize("doppler", ["instantaneous", "interval"])
 def test_the_inverse_covariance_is_that_of_all_pairs_of_values(doppler):
     problem, r = made(doppler)
-    colours = (MEMORY, replace(MEMORY, inflation=1.5))
+    colours = (MEMORY, replace(MEMORY, inflation=1.5), replace(MEMORY, inflation=2.0))
     noise = row_noise(problem, r, KNOWN, colours)
     covariance = dense(problem, r, colours)
     columns = np.random.default_rng(2).standard_normal((len(covariance), 3))

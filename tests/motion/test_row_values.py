@@ -314,6 +314,7 @@ def answer_of(**changed):
         "data": SimpleNamespace(
             bearing_deg=np.ones(20), line_id=np.ones(1), time_s=np.arange(20.0),
             is_aliased=None,
+            bounce_delay_s=None,
         ),
     }  # fmt: skip
     return SimpleNamespace(**(told | changed))

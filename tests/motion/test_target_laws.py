@@ -289,11 +289,11 @@ def test_the_gain_of_a_change_is_that_of_least_squares_with_it():
     straight = Scene(1, "instantaneous")
     x = beside(straight, problem, STATE)
     told = NuisanceDeviations(20.0, 3.0)
-    inflation = np.array([1.7, 2.5])
+    inflation = np.array([1.7, 2.5, 1.0])
     empty = np.empty(0)
     colours = tuple(ColouredNoise(empty, empty, float(each)) for each in inflation)
     found = seek_alteration(problem, STATE, told, colours)
-    wide = np.sqrt(np.repeat(inflation, [ROWS, 2 * ROWS]))
+    wide = np.sqrt(np.repeat(inflation, [ROWS, 2 * ROWS, 0]))
     z = straight.whitened(problem, x)[: 3 * ROWS]
     compass = np.where(np.arange(z.size) < ROWS, np.radians(3.0) / BEARING_STD_RAD, 0.0)
     sound = 20.0 * change_of(straight, problem, x, "sound_mps", None, 1.0)

@@ -45,6 +45,13 @@ class Series(Container):
     frequency_std_hz: FloatArray = deviation("row", "series_line", cells=DEVIATION)
     level_db: FloatArray = column("Level.", cells=Cells(-1e3, 1e3))
     level_std_db: FloatArray = deviation(cells=DEVIATION)
+    bounce_delay_s: FloatArray | None = column(
+        "Multipath delay: time by which the path that the bottom or the surface reflects "
+        "once comes after the direct one.", cells=Cells(TINY, 1e3),
+    )  # fmt: skip
+    bounce_delay_std_s: FloatArray | None = column(
+        "Standard deviation of it.", cells=DEVIATION
+    )
     mirrored_bearing_deg: FloatArray | None = column(
         "Other bearing that fits a line array as well; nan where the side is "
         "resolved.", cells=BEARING,

@@ -63,7 +63,9 @@ def widened(
     the deviation is right; what they have in common keeps its correlation.
     """
     mean = np.einsum("k,kpq->pq", weight, added)
-    variance, more = np.diagonal(covariance), np.diagonal(added, axis1=1, axis2=2)
+    # a variance of nothing but rounding may be negative
+    variance = np.maximum(np.diagonal(covariance), 0.0)
+    more = np.diagonal(added, axis1=1, axis2=2)
     share = np.append(weight, 1.0 - weight.sum())
     std = np.sqrt(np.concatenate([more, np.zeros((1, variance.size))]) + variance)
     root = np.zeros(variance.size)

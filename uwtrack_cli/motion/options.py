@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
+from uwtrack_cli.constants import SOURCE_DEPTH_M, SOURCE_DEPTH_STD_M
 from uwtrack_cli.data.options import (
     Above,
     AtLeast,
@@ -15,6 +16,9 @@ from uwtrack_cli.data.options import (
 
 Probability = Annotated[float, Above(0), Below(1)]
 """A probability that is neither impossible nor certain."""
+
+Depth = Annotated[float, Unit("m"), AtLeast(0), AtMost(11_000)]
+"""A depth below the surface, or its deviation, m."""
 
 Spreading = Annotated[float, Unit("dB"), AtLeast(1), AtMost(60)]
 """Loss of level per decade of range, dB."""
@@ -81,6 +85,34 @@ class Nuisances(OptionGroup):
         None
     )
     correlation_time_s: Annotated[float, Unit("s"), AtLeast(1e-3), AtMost(1e6)] = 100.0
+
+
+@dataclass(frozen=True)
+class BounceGeometry(OptionGroup):
+    """Depths by which delays of a reflected path (bounce_delay_s) tell the range.
+
+    Parameters
+    ----------
+    path
+        Whether the delays are those of the bottom or of the surface.
+    water_depth_m
+        Depth of the water, for delays of the bottom.
+    water_depth_std_m
+        Standard deviation of that depth, 0 for exactly known.
+    sensor_depth_m
+        Depth of the sensor; by default that of the sensor file.
+    source_depth_m
+        Depth of the target's source; by default that of a surface vessel's propeller.
+    source_depth_std_m
+        Standard deviation of that depth, 0 for exactly known.
+    """
+
+    path: Literal["bottom", "surface"] = "bottom"
+    water_depth_m: Depth | None = None
+    water_depth_std_m: Depth = 0.0
+    sensor_depth_m: Depth | None = None
+    source_depth_m: Depth = SOURCE_DEPTH_M
+    source_depth_std_m: Depth = SOURCE_DEPTH_STD_M
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@
 frequencies by maximum likelihood (Chang et al. 2003, corrected; Nardone, Lindgren &
 Gong 1984), with rest frequencies projected out, from many starts. Every motion
 within the likelihood-ratio region is returned as a mode, and what the data cannot
-tell is said, with the reason. Alterations of the target's velocity are always tried, and
+tell is said, with the reason. Delays of a bottom or surface bounce, where a table has them,
+enter the same fit as ranges (see `target_motion.bounce`). Alterations of the target's velocity are always tried, and
 its legs are given where the evidence asks for them (see `target_motion.legs`).
 
 **Conventions.** The state is that at the contact's first measurement; bearings are
@@ -30,10 +31,17 @@ from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked
 from uwtrack_cli.data.sensor import Navigation, Sensor, SoundSpeed
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.motion.options import Misfit, MotionModel, Nuisances, Search
+from uwtrack_cli.motion.options import (
+    BounceGeometry,
+    Misfit,
+    MotionModel,
+    Nuisances,
+    Search,
+)
 from uwtrack_cli.motion.passage.fit.nuisances import COMPASS_STD_DEG
 from uwtrack_cli.motion.passage.model.direction_bearings import bearing_series
 from uwtrack_cli.motion.sound_speed import sound_speed_std
+from uwtrack_cli.motion.target_motion.bounce import Bounce, bounce_of
 from uwtrack_cli.motion.target_motion.contact import analyse_contacts
 from uwtrack_cli.motion.target_motion.contact_pairing import (
     ContactNumbers,
@@ -51,7 +59,7 @@ from uwtrack_cli.motion.target_motion.motion_table import motions_table
 from uwtrack_cli.motion.target_motion.problem import Expectation, MotionPrior
 
 DEFAULT_MODEL, DEFAULT_SEARCH, DEFAULT_MISFIT = MotionModel(), Search(), Misfit()
-DEFAULT_NUISANCES = Nuisances()
+DEFAULT_NUISANCES, DEFAULT_BOUNCE = Nuisances(), BounceGeometry()
 
 OWN_COMPASS_STD_DEG, OWN_POSITION_STD_M, OWN_VELOCITY_STD_MPS = 1.0, 10.0, 0.1
 """Deviations of own ship's compass and navigation where none are given."""
@@ -85,6 +93,7 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     model: MotionModel = DEFAULT_MODEL,
     search: Search = DEFAULT_SEARCH,
     nuisances: Nuisances = DEFAULT_NUISANCES,
+    bounce: BounceGeometry = DEFAULT_BOUNCE,
 ) -> Motions:
     """Estimate range, course and speed of contacts from bearings and Doppler.
 
@@ -146,6 +155,8 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
         Limits of the search and of the modes.
     nuisances
         Deviations of sound speed, compass and own ship.
+    bounce
+        Depths by which the delays of a table tell the range.
 
     Returns
     -------
@@ -187,13 +198,14 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     propagation = model.propagation
     if propagation == "auto":
         propagation = "instant" if is_table else "delayed"
+    reflected = _bounce(series, sensor, bounce)
     analysis = TmaOptions(
         navigation=navigation,
         solver=solver,
         array_heading=array_heading,
         fixed_heading_deg=None if sensor is None else sensor.heading_deg,
         nuisances=_deviations(nuisances, sensor, is_moving, sound_speed_mps),
-        height_m=_height(sensor),
+        height_m=_height(sensor) if reflected is None else reflected.height_m,
         sound_speed_mps=speed,
         delayed=propagation == "delayed",
         is_table=is_table,
@@ -204,6 +216,7 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
         search=search,
         prior=_prior(range_limits_m, speed_limits_mps, course_limits_deg),
         compass_std_deg=nuisances.compass_std_deg,
+        bounce=reflected,
     )
     pairings = None
     if series is not None and is_of_sensors:
@@ -294,6 +307,28 @@ def _array_navigation(
         north_m=record.north_m,
         heading_deg=record.heading_deg,
     )
+
+
+def _bounce(
+    series: Series | None, sensor: Sensor | None, given: BounceGeometry
+) -> Bounce | None:
+    """Return the reflected path whose delays a table has; None without delays."""
+    late = None if series is None else series.bounce_delay_s
+    if late is None or np.isnan(late).all():
+        if given != DEFAULT_BOUNCE:
+            msg = (
+                "--bounce options are for delays of a reflected path, and there is no "
+                "column bounce_delay_s."
+            )
+            raise OptionError(msg)
+        return None
+    if series is not None and series.sensor is not None:
+        msg = (
+            "bounce_delay_s is of one platform, and the table names its sensors: leave "
+            "out one of the two columns."
+        )
+        raise DataError(msg)
+    return bounce_of(given, sensor)
 
 
 def _height(sensor: Sensor | None) -> float:

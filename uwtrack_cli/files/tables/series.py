@@ -49,7 +49,8 @@ def read_series(path: Path | str, *, sensors: Sequence[Sensor] | None = None) ->
         CSV with time_s or time_utc, and any of bearing_deg, frequency_hz (further
         lines frequency_hz_2 ...) and level_db, with _std columns, and contact; sensor
         with its place if several heard it; mirrored_bearing_deg or array_heading_deg
-        where a line array does not tell left from right.
+        where a line array does not tell left from right; bounce_delay_s where a
+        reflected path was heard behind the direct one.
     sensors
         The sensors that the table names, where its rows do not place them.
 

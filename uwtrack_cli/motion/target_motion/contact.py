@@ -18,6 +18,7 @@ from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.estimation.robust import white_scatter
 from uwtrack_cli.motion.target_motion.association import BearingSource, associate
+from uwtrack_cli.motion.target_motion.bounce import Bounce
 from uwtrack_cli.motion.target_motion.conventions import other_convention
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target_motion.inputs import (
@@ -60,7 +61,11 @@ from uwtrack_cli.motion.target_motion.own_ship import (
 )
 from uwtrack_cli.motion.target_motion.problem import Problem, without_rows
 from uwtrack_cli.motion.target_motion.row_mixture import RowMixture
-from uwtrack_cli.motion.target_motion.row_noise import alike_rows, row_noise
+from uwtrack_cli.motion.target_motion.row_noise import (
+    alike_rows,
+    kinds_of,
+    row_noise,
+)
 from uwtrack_cli.motion.target_motion.solvers.marquardt import (
     DescentResult,
     SearchBounds,
@@ -254,8 +259,8 @@ LARGE_MISFIT = 5.0
 others, or outliers, are sought among measurements of stated deviations."""
 
 
-def _miss(legs: Legs, nuisances: NuisanceDeviations) -> tuple[bool, bool]:
-    """Return whether bearings, and frequencies, miss by more than their deviations.
+def _miss(legs: Legs, nuisances: NuisanceDeviations) -> tuple[bool, ...]:
+    """Return whether bearings, frequencies, delays miss by more than their deviations.
 
     These are of the noise that was stated and of own navigation; noise with a memory
     makes fewer values independent.
@@ -263,19 +268,18 @@ def _miss(legs: Legs, nuisances: NuisanceDeviations) -> tuple[bool, bool]:
     problem = legs.problem
     r = residuals(problem, legs.fit.q[:1])
     variance = row_noise(problem, r, nuisances).variance
-    n = problem.bearing_weight.size
     found = []
-    for z, weight, expected, colour in (
-        (r.bearing, problem.bearing_weight, variance[:n], legs.colours[0]),
-        (r.frequency, problem.frequency_weight, variance[n:], legs.colours[1]),
-    ):
-        each = loss_value(z, problem.loss).ravel() / expected
-        count = int(np.count_nonzero(weight))
+    z = np.concatenate([r.bearing[0].ravel(), r.frequency[0].ravel()])
+    weight = [problem.bearing_weight.ravel(), problem.frequency_weight.ravel()]
+    measured = np.concatenate(weight) > 0
+    for kind, colour in zip(kinds_of(problem), legs.colours, strict=True):
+        each = loss_value(z[kind], problem.loss) / variance[kind]
+        count = int(np.count_nonzero(measured[kind]))
         freedom = max(count - legs.fit.q.shape[1], 1)
         excess = float(each.sum()) / freedom - 1.0
         scatter = np.sqrt(2.0 * alike_rows(colour, problem.row_time_s) / freedom)
         found.append(bool(excess > LARGE_MISFIT * scatter))
-    return found[0], found[1]
+    return tuple(found)
 
 
 def _with_outliers(
@@ -307,9 +311,11 @@ def _surprise(legs: Legs) -> float:
     problem = legs.problem
     r = residuals(problem, legs.fit.q[:1])
     total = legs.fit.q.shape[1] * np.log(problem.n_values)
+    tones = problem.n_tones
     for z, weight in (
         (r.bearing[0], problem.bearing_weight),
-        (r.frequency[0], problem.frequency_weight),
+        (r.frequency[0, :tones], problem.frequency_weight[:tones]),
+        (r.frequency[0, tones:], problem.frequency_weight[tones:]),
     ):
         measured = z[weight > 0]
         if not measured.size:
@@ -414,21 +420,13 @@ def build_problem(data: Measurements, options: TmaOptions) -> Problem:
     if interval is None:
         interval = float(np.median(steps)) if steps.size else 1.0
     bearing_std = _filled(
-        data.bearing_deg, data.bearing_std_deg, weights.bearing_std_deg, circular=True
-    )
-    frequency_std = _filled(
-        data.frequency_hz, data.frequency_std_hz, weights.frequency_std_hz
-    )
-    frequency_weight, frequency = _weigh(data.frequency_hz, frequency_std)
-    share = 1.0
-    if weights.line_weighting == "mean":
-        share = 1.0 / max(1, frequency_weight.shape[0])
+        data.bearing_deg, data.bearing_std_deg, weights.bearing_std_deg, circular=True,
+        name="bearing_std_deg",
+    )  # fmt: skip
+    frequency, frequency_weight, share, bounce = _lines(data, options)
     loss = weights.loss
     if loss == "auto":
-        stated = ~np.isnan(data.frequency_std_hz) | np.isnan(data.frequency_hz)
-        is_told = _is_told(data, options) and (
-            weights.frequency_std_hz is not None or bool(stated.all())
-        )
+        is_told = _is_told(data, options) and _are_lines_told(data, options)
         loss = "squares" if is_told or not options.is_table else "student"
     if platforms is None:
         path = own_path(options.navigation, data)
@@ -455,7 +453,7 @@ def build_problem(data: Measurements, options: TmaOptions) -> Problem:
         bearing_rad=bearing[np.newaxis],
         bearing_weight=bearing_weight,
         frequency_hz=frequency[np.newaxis],
-        frequency_weight=frequency_weight * np.sqrt(share),
+        frequency_weight=frequency_weight,
         sound_speed_mps=options.sound_speed_mps,
         delayed=options.delayed,
         array_heading_rad=heading,
@@ -464,7 +462,60 @@ def build_problem(data: Measurements, options: TmaOptions) -> Problem:
         height_m=options.height_m,
         sensor=None if platforms is None else platforms.sensor,
         prior=options.prior,
+        bounce=bounce,
     )
+
+
+def _lines(
+    data: Measurements, options: TmaOptions
+) -> tuple[FloatArray, FloatArray, float, Bounce | None]:
+    """Return frequencies and delays, their weights, the share, and the reflected path."""
+    weights, bounce, late = options.misfit, options.bounce, data.bounce_delay_s
+    std = _filled(data.frequency_hz, data.frequency_std_hz, weights.frequency_std_hz)
+    weight, values = _weigh(data.frequency_hz, std)
+    share = 1.0
+    if weights.line_weighting == "mean":
+        share = 1.0 / max(1, weight.shape[0])
+    weight = weight * np.sqrt(share)
+    if bounce is None or late is None or data.bounce_delay_std_s is None:
+        return values, weight, share, None
+    _check_delays(data, late, bounce, options.sound_speed_mps)
+    delay, delay_std = late[np.newaxis], data.bounce_delay_std_s[np.newaxis]
+    delay_std = _filled(delay, delay_std, None, name="bounce_delay_std_s")
+    delay_weight, delay = _weigh(delay, delay_std)
+    values = np.concatenate([values, delay])
+    return values, np.concatenate([weight, delay_weight]), share, bounce
+
+
+def _are_lines_told(data: Measurements, options: TmaOptions) -> bool:
+    """Return whether somebody stated the deviations of frequencies and of delays."""
+    stated = ~np.isnan(data.frequency_std_hz) | np.isnan(data.frequency_hz)
+    is_told = options.misfit.frequency_std_hz is not None or bool(stated.all())
+    late, std = data.bounce_delay_s, data.bounce_delay_std_s
+    if late is None or std is None:
+        return is_told
+    return is_told and not np.isnan(std[~np.isnan(late)]).any()
+
+
+def _check_delays(
+    data: Measurements, delay_s: FloatArray, bounce: Bounce, sound_speed_mps: float
+) -> None:
+    """Refuse delays that no place of a target could give.
+
+    Raises
+    ------
+    DataError
+        Half of them are longer than right below or above the source.
+    """
+    longest_s = bounce.most_m / sound_speed_mps
+    middle_s = float(np.nanmedian(delay_s))
+    if middle_s > longest_s * (1.0 + 5.0 * bounce.relative_std):
+        msg = (
+            f"{data.begin_of(~np.isnan(delay_s))}bounce_delay_s is about {middle_s:.3g} s, "
+            f"and no {bounce.words} is later than {longest_s:.3g} s: are the delays in "
+            f"seconds, and of this path?"
+        )
+        raise DataError(msg)
 
 
 OWN_COURSE_RAD = np.radians(3.0)
@@ -511,7 +562,12 @@ def _between_mirrors(bearing_deg: FloatArray, mirrored_deg: FloatArray) -> Float
 
 
 def _filled(
-    values: FloatArray, std: FloatArray, option: float | None, *, circular: bool = False
+    values: FloatArray,
+    std: FloatArray,
+    option: float | None,
+    *,
+    circular: bool = False,
+    name: str = "frequency_std_hz",
 ) -> FloatArray:
     """Give every value a deviation: its own, the option's, or from the scatter.
 
@@ -529,10 +585,10 @@ def _filled(
             np.isnan(scatter), np.median(told) if told.size else np.nan, scatter
         )
     if not np.all(scatter[streams] > 0):
-        kind = "bearing_std_deg" if circular else "frequency_std_hz"
+        option_too = "" if name == "bounce_delay_std_s" else " or an option"
         msg = (
             f"a deviation cannot be estimated from {np.count_nonzero(missing)} "
-            f"values that state none: give {kind} as a column or an option."
+            f"values that state none: give {name} as a column{option_too}."
         )
         raise DataError(msg)
     return np.where(missing, scatter[:, np.newaxis], std)

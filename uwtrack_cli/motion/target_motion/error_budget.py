@@ -156,31 +156,46 @@ def _whitened_change(
     )
 
 
+def along_sight(problem: Problem, r: Residuals) -> tuple[FloatArray, FloatArray]:
+    """Return what own motion along the line of sight does to whitened lines.
+
+    Per m/s of own velocity and per m of own place, shapes (lines, rows): frequencies
+    tell the range rate, delays the range.
+    """
+    velocity, place = (np.zeros_like(problem.frequency_weight) for _ in range(2))
+    for one in r.scaled:
+        by = velocity if one.lines.start == 0 and problem.n_tones else place
+        slope = r.rest_hz[0, one.lines, np.newaxis] * one.slope[0]
+        # the range opens by less when own ship follows
+        by[one.lines] = -problem.frequency_weight[one.lines] * slope
+    return velocity, place
+
+
 def _own_ship(
     problem: Problem, r: Residuals, pull: FloatArray, is_position: bool
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Return times and gradients by own east and by own north: (m,) and (m, p).
 
-    An error of own position moves the bearing, and its change over an interval moves
-    the range rate; an error of own velocity moves the range rate alone.
+    An error of own position moves bearing and range, and its change over an interval
+    moves the range rate; an error of own velocity moves the range rate alone.
     """
     streams = problem.bearing_weight.shape[0]
     track, time = problem.track, problem.row_time_s
     behind = track.interval_s * (0.5 if track.before is None else 1.0)
     early: FloatArray = time - behind
     late: FloatArray = early + track.interval_s
+    velocity, place = along_sight(problem, r)
     found: list[tuple[FloatArray, FloatArray]] = []
     for axis, sight in enumerate(
         (np.sin(r.prediction.bearing_rad[0]), np.cos(r.prediction.bearing_rad[0]))
     ):
-        # the range opens by less when own ship follows
-        slope = r.rest_hz[0][:, np.newaxis] * sight / problem.sound_speed_mps
-        rate = np.einsum("snp,sn->np", pull[streams:], problem.frequency_weight * slope)
+        rate = np.einsum("snp,sn->np", pull[streams:], velocity * sight)
         if not is_position:
             found.append((time, rate))
             continue
         turn = -r.prediction.bearing_jacobian[0, axis] * r.side[0]
-        angle = np.einsum("snp,sn->np", pull[:streams], problem.bearing_weight * turn)
+        here = np.concatenate([problem.bearing_weight * turn, place * sight])
+        angle = np.einsum("snp,sn->np", pull, here)
         step = rate / track.interval_s[:, np.newaxis]
         times = np.concatenate([time, late, early])
         found.append((times, np.concatenate([angle, step, -step])))
@@ -236,6 +251,7 @@ def _coloured_meat(problem: Problem, r: Residuals, rows: FloatArray) -> FloatArr
     z = np.concatenate([r.bearing[0], r.frequency[0]])
     weight = np.concatenate([problem.bearing_weight, problem.frequency_weight])
     influence = loss_weight(z, problem.loss) * z
+    share = np.concatenate([np.ones(len(r.bearing[0])), problem.line_share])
     size = rows.shape[-1]
     added = np.zeros((size, size))
     width_s = WIDTH_SHARE * float(np.ptp(problem.row_time_s))
@@ -250,7 +266,7 @@ def _coloured_meat(problem: Problem, r: Residuals, rows: FloatArray) -> FloatArr
             continue
         power = float(np.mean(series[measured] ** 2))
         if problem.loss == "squares":
-            power = 1.0 if number < len(r.bearing[0]) else problem.frequency_share
+            power = float(share[number])
         scale = np.sqrt(max(power, 1e-300))
         if looks_white(series[measured] / scale):
             continue

@@ -77,6 +77,11 @@ class Measurements:
     array, or not known."""
     platforms: Platforms | None = None
     """The sensors of the table; None for one platform."""
+    bounce_delay_s: FloatArray | None = None
+    """Delays of the reflected path behind the direct one, s, shape (rows,); None: there
+    are none."""
+    bounce_delay_std_s: FloatArray | None = None
+    """Their deviations, s, same shape; nan if not stated."""
     table_row: IntArray | None = None
     """Row of the table that each row was, from 0, shape (rows,); None for lines."""
     begin_of_table_row: Callable[[int], str] | None = None
@@ -107,7 +112,13 @@ def measurements_from_series(series: Series) -> list[Measurements]:
         heard = ~np.isnan(series.bearing_deg[rows])
         tone = ~np.isnan(series.frequency_hz[rows])
         lines = np.flatnonzero(tone.any(0))
-        rows = rows[heard | tone.any(1)]
+        late, late_std = (
+            np.full(rows.size, np.nan) if values is None else values[rows]
+            for values in (series.bounce_delay_s, series.bounce_delay_std_s)
+        )
+        kept = heard | tone.any(1) | ~np.isnan(late)
+        rows, late, late_std = rows[kept], late[kept], late_std[kept]
+        has_delays = bool(np.isfinite(late).any())
         platforms = _platforms(series, rows)
         mirrored = series.mirrored_bearing_deg
         found.append(
@@ -128,6 +139,8 @@ def measurements_from_series(series: Series) -> list[Measurements]:
                 start_utc_ns=series.start_utc_ns,
                 window_s=None,
                 overlap_rows=0,
+                bounce_delay_s=late if has_delays else None,
+                bounce_delay_std_s=late_std if has_delays else None,
             )
         )
     return found

@@ -55,6 +55,7 @@ from uwtrack_cli.motion.target_motion.row_noise import (
     Colours,
     RowNoise,
     find_colours,
+    kinds_of,
     row_noise,
     whitened,
 )
@@ -426,10 +427,12 @@ def _are_apart(q: FloatArray) -> BoolArray:
 
 def _weighed(problem: Problem, inflation: FloatArray) -> Problem:
     """Return the problem with the weights that noise with a memory leaves."""
+    lines = np.full((problem.n_lines, 1), inflation[1])
+    lines[problem.n_tones :] = inflation[2]
     return replace(
         problem,
         bearing_weight=problem.bearing_weight / np.sqrt(inflation[0]),
-        frequency_weight=problem.frequency_weight / np.sqrt(inflation[1]),
+        frequency_weight=problem.frequency_weight / np.sqrt(lines),
     )
 
 
@@ -527,13 +530,12 @@ class _Linear:
         return bool(left + own.noise.log_volume < least + white.noise.log_volume)
 
     def inflation(self, colours: Colours) -> FloatArray:
-        """Return by how much bearings, and frequencies, tell less than white ones would."""
+        """Return by how much each kind of value tells less than white ones would."""
         known = self._parts.known
         solved = self._equations(colours).solved
         size = np.maximum((known**2).sum(axis=0), 1e-300)
-        n = self._problem.bearing_weight.size
         found = []
-        for kind in (slice(0, n), slice(n, None)):
+        for kind in kinds_of(self._problem):
             plain = ((known[kind] ** 2).sum(axis=0) / size).sum()
             told = ((known[kind] * solved[kind]).sum(axis=0) / size).sum()
             found.append(max(plain / told, 1.0) if told > 0.0 else 1.0)
@@ -608,33 +610,41 @@ class _Parts:
         nuisances: NuisanceDeviations,
     ) -> None:
         self.z, share = whitened(problem, r)
-        n_bearings, shape = problem.bearing_weight.size, problem.bearing_weight.shape
-        share_b = share[:n_bearings].reshape(shape)
+        n_bearings, shape_b = problem.bearing_weight.size, problem.bearing_weight.shape
+        share_b = share[:n_bearings].reshape(shape_b)
         share_f = share[n_bearings:].reshape(problem.frequency_weight.shape)
         weight_b = share_b * problem.bearing_weight * r.side[0]
         weight_f = share_f * problem.frequency_weight
         bearing = weight_b[:, :, np.newaxis] * r.prediction.bearing_jacobian[0].T
-        rate = -r.rest_hz[0][:, np.newaxis] / problem.sound_speed_mps * weight_f
-        frequency = rate[:, :, np.newaxis] * r.prediction.rate_jacobian[0].T
-        self.state = np.concatenate(
-            [bearing.reshape(-1, q.size), frequency.reshape(-1, q.size)]
-        )
+        state = [bearing.reshape(-1, q.size)]
+        shape_f, speed = np.zeros_like(weight_f), np.zeros_like(weight_f)
+        for one in r.scaled:
+            scale = r.rest_hz[0, one.lines, np.newaxis] * weight_f[one.lines]
+            partials = (one.slope[0] * one.jacobian[0]).T
+            each = scale[:, :, np.newaxis] * partials
+            state.append(each.reshape(-1, q.size))
+            shape_f[one.lines] = weight_f[one.lines] * one.shape[0]
+            # by the logarithm of the sound speed: delays fall as it rises
+            is_tone = one.lines.start < problem.n_tones
+            speed[one.lines] = scale * ((1.0 if is_tone else 0.0) - one.shape[0])
+        self.state = np.concatenate(state)
         time = problem.row_time_s
-        streams, n_lines = shape[0], problem.n_lines
+        streams, n_lines = shape_b[0], problem.n_lines
         self.time_s = np.tile(time, streams + n_lines)
         std = problem.offset_std_rad
         n_constant = 1 if std is None else streams
         others = np.zeros((self.z.size, n_lines + 1 + n_constant))
         for line in range(n_lines):
             begin = n_bearings + line * time.size
-            others[begin : begin + time.size, line] = weight_f[line] * r.factor[0]
-        speed = -rate * r.prediction.rate_mps[0]  # by the logarithm of sound speed
+            others[begin : begin + time.size, line] = shape_f[line]
         relative = nuisances.sound_speed_mps / problem.sound_speed_mps
         others[n_bearings:, n_lines] = relative * speed.ravel()
         prior_z = np.zeros(1 + n_constant)
         if std is None:
             compass = np.radians(nuisances.compass_deg)
-            others[:n_bearings, -1] = compass * np.broadcast_to(weight_b, shape).ravel()
+            others[:n_bearings, -1] = (
+                compass * np.broadcast_to(weight_b, shape_b).ravel()
+            )
         else:
             plain = share_b * problem.bearing_weight
             for stream in range(streams):
@@ -645,9 +655,11 @@ class _Parts:
             prior_z[1:] = np.where(std > 0, r.offset_rad[0] / known, 0.0)
         self.known = np.concatenate([self.state, others], axis=1)
         # sound speed and constant bearing errors have unit priors
+        root = np.sqrt(problem.rest_precision)
+        prior_z = np.concatenate([root * (r.rest_hz[0] - 1.0), prior_z])
+        unit = np.concatenate([root, np.ones(1 + n_constant)])
         expected_z, expected = motion_prior(problem, to_state(q)[np.newaxis])
         self.prior_z = np.concatenate([expected_z[0], prior_z])
-        n_unit, n_known = prior_z.size, q.size + others.shape[1]
-        self.prior_rows = np.zeros((self.prior_z.size, n_known))
-        self.prior_rows[:-n_unit, : q.size] = expected[0]
-        self.prior_rows[-n_unit:, n_known - n_unit :] = np.eye(n_unit)
+        self.prior_rows = np.zeros((self.prior_z.size, q.size + unit.size))
+        self.prior_rows[: -unit.size, : q.size] = expected[0]
+        self.prior_rows[-unit.size :, q.size :] = np.diag(unit)

@@ -163,6 +163,10 @@ class Prediction:
     """Partials of the bearings, shape (trials, p, rows)."""
     rate_jacobian: FloatArray
     """Partials of the range rates, shape (trials, p, rows)."""
+    range_m: FloatArray
+    """Slant ranges when the sound left, m, shape (trials, rows)."""
+    range_jacobian: FloatArray
+    """Partials of the slant ranges, shape (trials, p, rows)."""
 
 
 STRAIGHTEST = 1e-3
@@ -382,7 +386,10 @@ def predict(track: ObserverTrack, state: FloatArray, medium: Medium) -> Predicti
         rate, rate_jacobian = _rate_of_the_instant(
             track, now, medium.slowness_spm, range_jacobian
         )
-    return Prediction(np.arctan2(east, north), rate, bearing_jacobian, rate_jacobian)
+    return Prediction(
+        np.arctan2(east, north), rate, bearing_jacobian, rate_jacobian, now.range_m,
+        range_jacobian,
+    )  # fmt: skip
 
 
 def predict_values(

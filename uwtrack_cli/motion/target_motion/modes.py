@@ -25,6 +25,7 @@ from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.estimation.normal_mixture import HALF_WIDTH, HELD, half_width, widened
 from uwtrack_cli.motion.options import Misfit, MotionModel, Search
+from uwtrack_cli.motion.target_motion.bounce import Bounce
 from uwtrack_cli.motion.target_motion.error_budget import (
     NuisanceDeviations,
     error_budget,
@@ -375,6 +376,8 @@ class TmaOptions:
     compass_std_deg: float | None = None
     """Deviation of every sensor's compass that was asked for, degrees; None: the
     sensor's own."""
+    bounce: Bounce | None = None
+    """The reflected path whose delays the table has; None: it has none."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -172,8 +172,8 @@ def report_of(
     parts.append(f"weakest direction: {seen.weakest}")
     if manoeuvre_needed:
         parts.append("a manoeuvre of own ship is needed")
-    elif not answer.manoeuvring and answer.data.line_id.size:
-        parts.append("own ship does not manoeuvre: the range rests on Doppler")
+    elif source := _source_of_range(answer):
+        parts.append(f"own ship does not manoeuvre: the range rests on {source}")
     parts.append(
         f"chance of range within 10 %, speed within 3 kn and course within 7 deg: "
         f"{seen.probability:.3f}"
@@ -189,6 +189,15 @@ def report_of(
     if "range_m" in reasons:
         return "; ".join(parts) + "."
     return "; ".join(parts + _sound_speed_effect(mode) + _doubts(mode, answer)) + "."
+
+
+def _source_of_range(answer: ContactAnswer) -> str:
+    """Return what tells the range where own ship goes straight on; empty: nothing."""
+    if answer.manoeuvring:
+        return ""
+    if answer.data.bounce_delay_s is not None:
+        return "the bounce"
+    return "Doppler" if answer.data.line_id.size else ""
 
 
 def _doubts(mode: ModeAnswer, answer: ContactAnswer) -> list[str]:
@@ -254,6 +263,11 @@ NAVIGATION_STATEMENT = (
     "--nuisances-velocity-std-mps, or navigation_position_std_m and "
     "navigation_velocity_std_mps of the sensor file; 0 is exact)."
 )
+BOUNCE_STATEMENT = (
+    "Delays of a reflected path count as ranges ({}): they take the reflecting plane to be "
+    "level and rays to be straight, and a depth that is wrong by more than was told leaves "
+    "no trace."
+)
 SENSORS_STATEMENT = (
     "Positions depend on those of the sensors and on their compasses: an error of all "
     "compasses alike turns the motion about the sensors, and leaves little trace."
@@ -311,6 +325,8 @@ def _statement(
     words = [*joined, STATEMENT.format(speed=options.sound_speed_mps)]
     own = options.nuisances
     words += _expected(options.prior)
+    if options.bounce is not None:
+        words.append(BOUNCE_STATEMENT.format(options.bounce.words))
     if own.is_usual_navigation and not any(crossing):
         words.append(
             NAVIGATION_STATEMENT.format(
@@ -607,12 +623,13 @@ def _rest_table(
     number = 0
     for answer in answers:
         for mode in answer.modes:
-            std = np.sqrt(np.maximum(np.diagonal(mode.covariance)[mode.q.size :], 0.0))
+            lines = slice(mode.q.size, mode.q.size + answer.data.line_id.size)
+            std = np.sqrt(np.maximum(np.diagonal(mode.covariance)[lines], 0.0))
             hidden = "rest_frequencies_hz" in reasons[number]
             rows += [
                 (number, int(line), np.nan if hidden else float(f), float(s))
                 for line, f, s in zip(
-                    answer.data.line_id, mode.rest_hz, std, strict=True
+                    answer.data.line_id, mode.rest_hz[: std.size], std, strict=True
                 )
             ]
             number += 1

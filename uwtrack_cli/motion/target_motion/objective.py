@@ -5,7 +5,8 @@
 frequencies enter linearly and are projected out (Golub & Pereyra 1973): given a
 motion they have a closed form, and the normal equations of the motion are the
 Schur complement of theirs. The constant bearing error of each sensor, an unknown with a
-prior, is projected out in the same way; its prior counts in the misfit.
+prior, is projected out in the same way; its prior counts in the misfit. So is the factor
+of the depths that delays of a reflected path are in proportion to.
 
 **Conventions.** ``member`` says which record of the problem a trial belongs to.
 Gradients are half those of the misfit. Every loss is z^2 near zero, so that the sums
@@ -90,6 +91,38 @@ class ProfiledMisfit:
 
 
 @dataclass(frozen=True, eq=False)
+class ScaledLines:
+    """Lines in proportion to one function of the motion: all tones, or the delays."""
+
+    lines: slice
+    """Which lines these are."""
+    shape: FloatArray
+    """The function: Doppler factor 1 - rate / c, or delay, s; shape (trials, rows)."""
+    slope: FloatArray
+    """Partial of it by what the motion tells, range rate or range, shape (trials or 1,
+    rows or 1)."""
+    jacobian: FloatArray
+    """Partials of that by the state, shape (trials, p, rows)."""
+
+
+def scaled_lines(problem: Problem, prediction: Prediction) -> tuple[ScaledLines, ...]:
+    """Return what the lines of trial motions are in proportion to."""
+    sound, tones = problem.sound_speed_mps, problem.n_tones
+    found = [
+        ScaledLines(
+            slice(0, tones), 1.0 - prediction.rate_mps / sound,
+            np.full((1, 1), -1.0 / sound), prediction.rate_jacobian,
+        )
+    ]  # fmt: skip
+    if problem.bounce is not None:
+        delay, slope = problem.bounce.delay_s(prediction.range_m, sound)
+        found.append(
+            ScaledLines(slice(tones, None), delay, slope, prediction.range_jacobian)
+        )
+    return tuple(one for one in found if problem.n_lines > one.lines.start)
+
+
+@dataclass(frozen=True, eq=False)
 class Residuals:
     """Model against data: whitened residuals."""
 
@@ -97,23 +130,24 @@ class Residuals:
     """Whitened residuals of the bearings, shape (trials, streams, rows)."""
     frequency: FloatArray
     """Whitened residuals of the frequencies, shape (trials, lines, rows)."""
-    factor: FloatArray
-    """Doppler factor 1 - rate / c, shape (trials, rows)."""
+    scaled: tuple[ScaledLines, ...]
+    """What the lines are in proportion to."""
     side: FloatArray
     """Sign by which an array's folded bearing answers the true one."""
     rest_hz: FloatArray
-    """Rest frequencies, Hz, shape (trials, lines)."""
+    """Rest frequencies, Hz, and the factor of delays, shape (trials, lines)."""
     prediction: Prediction
-    """The model's bearings and range rates."""
+    """The model's bearings, range rates and ranges."""
     offset_rad: FloatArray
     """Constant error of each stream of bearings, rad, shape (trials, streams)."""
 
     def prior_value(self, problem: Problem) -> FloatArray:
-        """Return what the offsets' priors add to the misfit, shape (trials,)."""
+        """Return what priors of offsets and of the depths add, shape (trials,)."""
+        value: FloatArray = (self.rest_hz - 1.0) ** 2 @ problem.rest_precision
         if problem.offset_std_rad is None:
-            return np.zeros(len(self.offset_rad))
+            return value
         weighted = np.where(self.offset_rad == 0.0, 0.0, problem.offset_precision)
-        return np.asarray((weighted * self.offset_rad**2).sum(-1))
+        return np.asarray(value + (weighted * self.offset_rad**2).sum(-1))
 
 
 def residuals(
@@ -136,14 +170,14 @@ def residuals(
         bearing_data, frequency_data = bearing_data[member], frequency_data[member]
     off, side = bearing_errors(problem, prediction.bearing_rad, bearing_data)
     off, offset = _without_offsets(problem, off)
-    factor = 1.0 - prediction.rate_mps / problem.sound_speed_mps
+    scaled = scaled_lines(problem, prediction)
     if rest_hz is None:
-        rest_hz = _rest_frequencies(problem, factor, frequency_data)
-    frequency = rest_hz[:, :, np.newaxis] * factor[:, np.newaxis] - frequency_data
+        rest_hz = _rest_frequencies(problem, scaled, frequency_data, len(state))
+    frequency = _line_errors(scaled, rest_hz, frequency_data)
     return Residuals(
         off * problem.bearing_weight,
         frequency * problem.frequency_weight,
-        factor,
+        scaled,
         side,
         rest_hz,
         prediction,
@@ -213,34 +247,75 @@ def medium_of(problem: Problem) -> Medium:
     return Medium(problem.sound_speed_mps, problem.height_m, problem.delayed)
 
 
-def _rest_frequencies(
-    problem: Problem, factor: FloatArray, data_hz: FloatArray
+def _line_errors(
+    scaled: tuple[ScaledLines, ...], rest_hz: FloatArray, data_hz: FloatArray
 ) -> FloatArray:
-    """Solve for the rest frequencies: f0 = sum w g f / sum w g^2."""
-    weight = problem.frequency_weight**2
+    """Return model less data of all lines, shape (trials, lines, rows)."""
+    if not scaled:
+        return np.empty((len(rest_hz), 0, data_hz.shape[-1]))
+    parts = [
+        rest_hz[:, one.lines, np.newaxis] * one.shape[:, np.newaxis]
+        - data_hz[:, one.lines]
+        for one in scaled
+    ]
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, 1)
+
+
+def _rest_frequencies(
+    problem: Problem,
+    scaled: tuple[ScaledLines, ...],
+    data_hz: FloatArray,
+    n_trials: int,
+) -> FloatArray:
+    """Return the best rest frequencies, and the best factor of delays."""
+    if not scaled:
+        return np.empty((n_trials, 0))
+    found = [
+        _best_scales(
+            problem, one.shape, data_hz[:, one.lines],
+            problem.frequency_weight[one.lines], problem.rest_precision[one.lines],
+        )
+        for one in scaled
+    ]  # fmt: skip
+    return np.concatenate(found, 1)
+
+
+def _best_scales(
+    problem: Problem,
+    factor: FloatArray,
+    data_hz: FloatArray,
+    inverse_std: FloatArray,
+    precision: FloatArray,
+) -> FloatArray:
+    """Solve for what scales lines, with a prior mean of one.
+
+    f0 = (sum w g f + p) / (sum w g^2 + p), with the prior precision p.
+    """
+    weight = inverse_std**2
     if problem.loss == "squares":
         weighted = weight * data_hz
         if data_hz.shape[0] == 1:
             top = factor @ weighted[0].T
         else:
             top = (weighted @ factor[:, :, np.newaxis])[:, :, 0]
-        return np.asarray(top / np.maximum((factor**2) @ weight.T, 1e-300))
-    rest = _median_rest(problem, factor, data_hz)
+        below = (factor**2) @ weight.T + precision
+        return np.asarray((top + precision) / np.maximum(below, 1e-300))
+    rest = _median_rest(inverse_std, factor, data_hz)
     for _ in range(REWEIGHTINGS):
         z = rest[:, :, np.newaxis] * factor[:, np.newaxis] - data_hz
-        robust = weight * loss_weight(z * problem.frequency_weight, problem.loss)
-        lower = (robust * factor[:, np.newaxis] ** 2).sum(-1)
-        upper = (robust * factor[:, np.newaxis] * data_hz).sum(-1)
+        robust = weight * loss_weight(z * inverse_std, problem.loss)
+        lower = (robust * factor[:, np.newaxis] ** 2).sum(-1) + precision
+        upper = (robust * factor[:, np.newaxis] * data_hz).sum(-1) + precision
         rest = np.where(lower > 0, upper / np.maximum(lower, 1e-300), rest)
     return rest
 
 
 def _median_rest(
-    problem: Problem, factor: FloatArray, data_hz: FloatArray
+    inverse_std: FloatArray, factor: FloatArray, data_hz: FloatArray
 ) -> FloatArray:
     single = data_hz / factor[:, np.newaxis]
     columns = []
-    for line, weight in enumerate(problem.frequency_weight):
+    for line, weight in enumerate(inverse_std):
         heard = weight > 0
         some = single[:, line, heard]
         empty = np.zeros(single.shape[0])
@@ -375,7 +450,6 @@ class NormalBlocks:
 def normal_blocks(problem: Problem, r: Residuals) -> NormalBlocks:
     """Accumulate the normal equations in the state and what is projected out."""
     bearing_jacobian = r.prediction.bearing_jacobian
-    rate_jacobian = r.prediction.rate_jacobian
     weight = problem.bearing_weight * loss_weight(r.bearing, problem.loss)
     pull = (weight * r.bearing).sum(1) * r.side
     each = weight * problem.bearing_weight
@@ -395,31 +469,37 @@ def normal_blocks(problem: Problem, r: Residuals) -> NormalBlocks:
         slope = (weight * r.bearing).sum(-1) + prior
         # an offset that is known exactly takes no part
         slope = np.where(np.isfinite(diagonal), slope, 0.0)
-    if problem.n_lines == 0:
-        return NormalBlocks(matrix, cross, diagonal, gradient, slope)
-    scale = -r.rest_hz[:, :, np.newaxis] / problem.sound_speed_mps
-    weight = problem.frequency_weight * loss_weight(r.frequency, problem.loss)
-    strength = weight * problem.frequency_weight
-    pull = (weight * r.frequency * scale).sum(1)
-    joint = (strength * scale**2).sum(1)
-    tied = strength * scale * r.factor[:, np.newaxis]
-    transposed = np.swapaxes(rate_jacobian, 1, 2)
-    line_slope = (weight * r.frequency * r.factor[:, np.newaxis]).sum(-1)
-    line_diagonal = (strength * r.factor[:, np.newaxis] ** 2).sum(-1)
-    line_cross = rate_jacobian @ np.swapaxes(tied, 1, 2)
-    return NormalBlocks(
-        matrix + (rate_jacobian * joint[:, np.newaxis]) @ transposed,
-        np.concatenate([line_cross, cross], -1),
-        np.concatenate([line_diagonal, diagonal], -1),
-        gradient + (rate_jacobian @ pull[:, :, np.newaxis])[:, :, 0],
-        np.concatenate([line_slope, slope], -1),
-    )
+    # the lines stand before the offsets
+    for one in reversed(r.scaled):
+        rest, misses = r.rest_hz[:, one.lines], r.frequency[:, one.lines]
+        precision = problem.rest_precision[one.lines]
+        inverse_std = problem.frequency_weight[one.lines]
+        scale = rest[:, :, np.newaxis] * one.slope[:, np.newaxis]
+        weight = inverse_std * loss_weight(misses, problem.loss)
+        strength = weight * inverse_std
+        pull = (weight * misses * scale).sum(1)
+        joint = (strength * scale**2).sum(1)
+        shape = one.shape[:, np.newaxis]
+        tied = strength * scale * shape
+        line_slope = (weight * misses * shape).sum(-1) + precision * (rest - 1.0)
+        line_diagonal = (strength * shape**2).sum(-1) + precision
+        line_cross = one.jacobian @ np.swapaxes(tied, 1, 2)
+        transposed = np.swapaxes(one.jacobian, 1, 2)
+        matrix = matrix + (one.jacobian * joint[:, np.newaxis]) @ transposed
+        cross = np.concatenate([line_cross, cross], -1)
+        diagonal = np.concatenate([line_diagonal, diagonal], -1)
+        gradient = gradient + (one.jacobian @ pull[:, :, np.newaxis])[:, :, 0]
+        slope = np.concatenate([line_slope, slope], -1)
+    return NormalBlocks(matrix, cross, diagonal, gradient, slope)
 
 
 def misfit_value(
     problem: Problem, state: FloatArray, rest_hz: FloatArray, member: IntArray
 ) -> FloatArray:
-    """Return the misfit of given states (x, y, vx, vy) and rest frequencies."""
+    """Return the misfit of given states (x, y, vx, vy) and rest frequencies.
+
+    There are no delays: those are of one platform.
+    """
     bearing, rate = predict_values(problem.track, state, medium_of(problem))
     chosen = member if problem.bearing_rad.shape[0] > 1 else np.zeros(1, dtype=np.int64)
     off, _ = bearing_errors(problem, bearing, problem.bearing_rad[chosen])

@@ -51,6 +51,8 @@ class Information:
     turn: FloatArray
     """Partials of range, bearing, speed and course by the solver coordinates, shape
     (p, p)."""
+    has_delays: bool = False
+    """Whether the last parameter is the factor of the depths of a reflected path."""
 
     def covariance(self, *, people: bool = True) -> FloatArray:
         """Return the covariance of (R, bearing, speed, course, rest) or of q."""
@@ -96,10 +98,16 @@ def information(problem: Problem, q: FloatArray) -> Information:
     expected = motion_prior(problem, to_state(trial))[1][0]
     bread[:own, :own] += expected.T @ expected
     meat[:own, :own] += expected.T @ expected
+    place = np.arange(own, size)
+    bread[place, place] += problem.rest_precision
+    meat[place, place] += problem.rest_precision
     chain, turn = np.eye(size), np.eye(size)
     chain[:own, :own] = state_jacobian(trial)[0]
     turn[:own, :own] = motion_jacobian(trial)[0]
-    return Information(chain.T @ bread @ chain, chain.T @ meat @ chain, turn)
+    return Information(
+        chain.T @ bread @ chain, chain.T @ meat @ chain, turn,
+        problem.bounce is not None,
+    )  # fmt: skip
 
 
 def design_rows(problem: Problem, r: Residuals) -> FloatArray:
@@ -134,12 +142,13 @@ def _plain_rows(problem: Problem, r: Residuals) -> FloatArray:
     rows[:streams, :, :own] = (
         problem.bearing_weight[:, :, np.newaxis] * bearing.T[np.newaxis]
     )
-    rate = r.prediction.rate_jacobian[0].T / problem.sound_speed_mps
-    for line in range(problem.n_lines):
-        weight = problem.frequency_weight[line]
-        slope = weight[:, np.newaxis] * r.rest_hz[0, line] * rate
-        rows[streams + line, :, :own] = -slope
-        rows[streams + line, :, own + line] = weight * r.factor[0]
+    for one in r.scaled:
+        partials = (one.slope[0] * one.jacobian[0]).T
+        for line in range(problem.n_lines)[one.lines]:
+            weight = problem.frequency_weight[line]
+            slope = weight[:, np.newaxis] * r.rest_hz[0, line] * partials
+            rows[streams + line, :, :own] = slope
+            rows[streams + line, :, own + line] = weight * one.shape[0]
     return rows
 
 
@@ -163,7 +172,7 @@ def _bread_and_meat(problem: Problem, r: Residuals) -> tuple[FloatArray, FloatAr
     rows = design_rows(problem, r)
     z = np.concatenate([r.bearing[0], r.frequency[0]])
     streams = problem.bearing_weight.shape[0]
-    share = np.where(np.arange(len(rows)) < streams, 1.0, problem.frequency_share)
+    share = np.concatenate([np.ones(streams), problem.line_share])
     measured = np.concatenate([problem.bearing_weight, problem.frequency_weight]) > 0
     influence = (loss_weight(z, problem.loss) * z) ** 2
     if problem.loss == "squares":
@@ -261,8 +270,10 @@ def assess(found: Information, motion: FloatArray) -> Observability:
     observable = ~np.any(np.abs(vectors[:, lost]) > TOUCHED, axis=1)
     spread = 1.0 / np.sqrt(max(float(values[0]), 1e-300))
     direction = vectors[:, 0] / scale * spread
+    lines = [f"line {i + 1}" for i in range(values.size - motion.size)]
+    if found.has_delays:
+        lines[-1] = "factor of depths"
     probability = 0.0
-    n_lines = values.size - motion.size
     if not lost.any():
         probability = accuracy_probability(found.covariance(), float(motion[0]))
     return Observability(
@@ -270,7 +281,7 @@ def assess(found: Information, motion: FloatArray) -> Observability:
         n_parameters=values.size,
         condition=found.condition,
         weakest=_in_words(
-            direction, float(motion[0]), n_lines, singular=bool(lost.any())
+            direction, float(motion[0]), lines, singular=bool(lost.any())
         ),
         probability=probability,
         observable=observable,
@@ -285,10 +296,10 @@ def accuracy_probability(covariance: FloatArray, range_m: float) -> float:
 
 
 def _in_words(
-    direction: FloatArray, range_m: float, n_lines: int, *, singular: bool
+    direction: FloatArray, range_m: float, lines: list[str], *, singular: bool
 ) -> str:
     """Write a direction; a singular one scaled to the largest readable change."""
-    n_alterations = (direction.size - n_lines) // PER_ALTERATION - 1
+    n_alterations = (direction.size - len(lines)) // PER_ALTERATION - 1
     readable = np.concatenate([
         [100.0 * direction[0] / range_m],
         [direction[2] / KNOT_MPS],
@@ -303,11 +314,11 @@ def _in_words(
     for number in range(1, n_alterations + 1):
         changes = ("east", "north", "time", "duration")
         names += [f"alteration {number} {change}" for change in changes]
-    units += ["Hz"] * n_lines
-    names += [f"line {i + 1}" for i in range(n_lines)]
+    units += ["Hz" if line.startswith("line") else "" for line in lines]
+    names += lines
     least = 1e-6 if singular else 0.0
     return ", ".join(
-        f"{name} {value:+.3g} {unit}"
+        f"{name} {value:+.3g} {unit}".rstrip()
         for name, value, unit in zip(names, readable, units, strict=True)
         if abs(value) > least
     )

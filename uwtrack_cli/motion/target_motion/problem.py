@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.motion.target_motion.bounce import Bounce
 from uwtrack_cli.motion.target_motion.own_ship import ObserverTrack
 
 Loss = Literal["squares", "huber", "student", "tukey"]
@@ -62,7 +63,8 @@ class Problem:
     bearing_weight: FloatArray
     """Inverse deviations, 1/rad, shape (streams, rows)."""
     frequency_hz: FloatArray
-    """Frequencies, Hz, shape (records, lines, rows)."""
+    """Frequencies, Hz, shape (records, lines, rows); with a bounce its delays, s, are the
+    last of the lines."""
     frequency_weight: FloatArray
     """Inverse deviations, 1/Hz, shape (lines, rows)."""
     sound_speed_mps: float
@@ -87,6 +89,9 @@ class Problem:
     (streams,); None where it is not an unknown of the fit."""
     prior: MotionPrior = MotionPrior()
     """What is expected of the motion before the fit."""
+    bounce: Bounce | None = None
+    """The reflected path whose delays are the last line; None: there are no delays.
+    Their rest "frequency" is the factor of the depths."""
 
     @property
     def n_rows(self) -> int:
@@ -95,8 +100,28 @@ class Problem:
 
     @property
     def n_lines(self) -> int:
-        """Number of frequency lines."""
+        """Number of frequency lines, delays counting as one."""
         return int(self.frequency_weight.shape[0])
+
+    @property
+    def n_tones(self) -> int:
+        """Number of frequency lines alone."""
+        return self.n_lines - (self.bounce is not None)
+
+    @property
+    def rest_precision(self) -> FloatArray:
+        """Prior precision of what scales each line, shape (lines,); its mean is one."""
+        precision = np.zeros(self.n_lines)
+        if self.bounce is not None:
+            precision[-1] = self.bounce.relative_std**-2.0
+        return precision
+
+    @property
+    def line_share(self) -> FloatArray:
+        """Share of each line by which its squared weights were lowered, (lines,)."""
+        share = np.full(self.n_lines, self.frequency_share)
+        share[self.n_tones :] = 1.0
+        return share
 
     @property
     def offset_precision(self) -> FloatArray:

@@ -2,16 +2,16 @@
 
 **Method.** Every value has the white noise that was stated. Errors of own position and
 velocity are Ornstein-Uhlenbeck processes that all values share: a frequency tells the range
-rate, which the difference of two positions moves, and a bearing what lies across the line
-of sight. Noise with a memory is a sum of such processes, one set for all bearings and one for
-all frequencies; its strengths and correlation times come from the residuals
+rate, which the difference of two positions moves, a delay the range, and a bearing what
+lies across the line of sight. Noise with a memory is a sum of such processes, one set for all bearings, one for
+all frequencies and one for delays; its strengths and correlation times come from the residuals
 (`coloured_noise`). The processes are unknowns with the tridiagonal precision of a Markov
 chain, and are projected out: with the partials G of the values by their nodes,
 N^-1 = D^-1 - D^-1 G (M^-1 + G' D^-1 G)^-1 G' D^-1 in work that grows with the rows
 (Woodbury's identity; Rue and Held 2005, ch. 2).
 
 **Conventions.** Values are whitened by their stated deviations: bearings (stream, row),
-then frequencies (line, row), flattened. Errors along and across the line of sight are
+then frequencies (line, row) and delays, flattened. Errors along and across the line of sight are
 independent while it turns little within their correlation time.
 """
 
@@ -32,15 +32,17 @@ from uwtrack_cli.motion.coloured_noise import (
 )
 from uwtrack_cli.motion.target_motion.error_budget import (
     NuisanceDeviations,
+    along_sight,
     looks_white,
 )
 from uwtrack_cli.motion.target_motion.objective import Residuals, loss_weight
 from uwtrack_cli.motion.target_motion.problem import Problem
 
-Colours = tuple[ColouredNoise, ColouredNoise]
-"""Noise with a memory of bearings and of frequencies, in variances of one value."""
+Colours = tuple[ColouredNoise, ColouredNoise, ColouredNoise]
+"""Noise with a memory of bearings, of frequencies and of delays, in variances of one
+value."""
 
-NO_MEMORY: Colours = (WHITE, WHITE)
+NO_MEMORY: Colours = (WHITE, WHITE, WHITE)
 
 N_CORRELATION_TIMES = 8
 """Correlation times that are tried, from the rows' spacing to the record's length."""
@@ -174,7 +176,7 @@ def row_noise(
         return own
     time, share = _value_time_s(problem), whitened(problem, r)[1]
     white, memory = np.ones(own.white.size), list[_Process]()
-    for of_kind, colour in zip(_kinds(problem), colours, strict=True):
+    for of_kind, colour in zip(kinds_of(problem), colours, strict=True):
         white[of_kind] = colour.inflation
         gain = np.zeros(white.size)
         root = np.sqrt(np.maximum(_count(problem, of_kind), 1.0))
@@ -196,7 +198,7 @@ def find_colours(
     design: FloatArray,
     prior_rows: FloatArray,
 ) -> Colours:
-    """Find the memory of the noise of bearings and of frequencies in residuals.
+    """Find the memory of the noise of bearings, frequencies and delays in residuals.
 
     ``design`` are the partials of the whitened values by all that was fitted, shape
     (values, p), and ``prior_rows`` those of what was expected, shape (k, p).
@@ -208,8 +210,8 @@ def find_colours(
     """
     own = _navigation(problem, r, nuisances)
     z, _ = whitened(problem, r)
-    kinds, found = _kinds(problem), []
-    for number, of_kind in enumerate(kinds):
+    found = []
+    for of_kind in kinds_of(problem):
         count = _count(problem, of_kind)
         if not count.any():
             found.append(WHITE)
@@ -227,12 +229,12 @@ def find_colours(
         if looks_white(value / np.sqrt(expected)):
             found.append(WHITE)
             continue
-        rest = np.concatenate([design[kinds[1 - number]], prior_rows])
+        rest = np.concatenate([np.delete(design, of_kind, axis=0), prior_rows])
         upper = np.asarray(np.linalg.qr(rest, mode="r"))
         found.append(
             _memory(value, problem.row_time_s[measured], columns, upper, known)
         )
-    return found[0], found[1]
+    return found[0], found[1], found[2]
 
 
 def _memory(
@@ -308,10 +310,11 @@ def _n_values(problem: Problem) -> int:
     return (len(problem.bearing_weight) + problem.n_lines) * problem.n_rows
 
 
-def _kinds(problem: Problem) -> tuple[slice, slice]:
-    """Return the values that are bearings, and those that are frequencies."""
+def kinds_of(problem: Problem) -> tuple[slice, slice, slice]:
+    """Return the values that are bearings, frequencies, and delays."""
     n = problem.bearing_weight.size
-    return slice(0, n), slice(n, _n_values(problem))
+    m = n + problem.n_tones * problem.n_rows
+    return slice(0, n), slice(n, m), slice(m, _n_values(problem))
 
 
 def _value_time_s(problem: Problem) -> FloatArray:
@@ -341,17 +344,17 @@ def _count(problem: Problem, of_kind: slice) -> FloatArray:
 def _navigation(
     problem: Problem, r: Residuals, nuisances: NuisanceDeviations
 ) -> tuple[_Process, ...]:
-    """Return what errors of own position and velocity do to bearings and frequencies."""
+    """Return what errors of own position and velocity do to the values."""
     _, share = whitened(problem, r)
-    bearings, frequencies = _kinds(problem)
+    bearings, *_ = kinds_of(problem)
     track, memory_s = problem.track, nuisances.correlation_time_s
     time = _value_time_s(problem)
-    turn, rate = np.zeros(share.size), np.zeros(share.size)
+    turn, rate, near = (np.zeros(share.size) for _ in range(3))
     across = np.hypot(*r.prediction.bearing_jacobian[0, :2])
     turn[bearings] = (problem.bearing_weight * across).ravel()
-    slope = r.rest_hz[0][:, np.newaxis] / problem.sound_speed_mps
-    rate[frequencies] = (problem.frequency_weight * slope).ravel()
-    turn, rate = share * turn, share * rate
+    velocity, place = along_sight(problem, r)
+    rate[bearings.stop :], near[bearings.stop :] = velocity.ravel(), place.ravel()
+    turn, rate, near = share * turn, share * rate, share * near
     found = []
     if nuisances.own_position_m:
         variance = nuisances.own_position_m**2
@@ -360,10 +363,9 @@ def _navigation(
         over = np.tile(track.interval_s, series)[:, np.newaxis]
         early = time - over * (0.5 if track.before is None else 1.0)
         step = rate[:, np.newaxis] / over
-        ends = np.concatenate([early, early + over], axis=1)
-        found.append(
-            _Process(variance, memory_s, ends, np.concatenate([-step, step], axis=1))
-        )
+        ends = np.concatenate([early, early + over, time], axis=1)
+        gain = np.concatenate([-step, step, near[:, np.newaxis]], axis=1)
+        found.append(_Process(variance, memory_s, ends, gain))
     if nuisances.own_velocity_mps:
         variance = nuisances.own_velocity_mps**2
         found.append(_Process(variance, memory_s, time, rate[:, np.newaxis]))

@@ -297,6 +297,7 @@ def _best_of_each_range(problem: Problem, grid: FloatArray, count: int) -> Float
     r = residuals(problem, grid)
     value = loss_value(r.bearing, problem.loss).sum((1, 2))
     value += loss_value(r.frequency, problem.loss).sum((1, 2))
+    value += r.prior_value(problem)
     groups = value.reshape(-1, SPEEDS * COURSES)
     share = max(1, count // (2 * groups.shape[0]))
     firsts = np.argsort(groups, axis=1)[:, :share]

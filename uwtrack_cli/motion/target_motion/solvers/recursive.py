@@ -133,6 +133,10 @@ def _sums_by_row(problem: Problem, fit: DescentResult, count: int) -> _Cumulativ
     size = rows.shape[2]
     past = weighted[:count].reshape(-1, size).T @ rows[:count].reshape(-1, size)
     fresh = np.swapaxes(weighted[count:], 1, 2) @ rows[count:]
+    # what is told of the depths stands before all rows
+    past[4:, 4:] += np.diag(problem.rest_precision)
+    vector[:, 4:] += problem.rest_precision * (r.rest_hz[0] - 1.0)
+    value += r.prior_value(problem)[0]
     return _CumulativeSums(
         past + np.cumsum(fresh, axis=0), vector[count:], value[count:]
     )
