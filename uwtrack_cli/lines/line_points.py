@@ -21,6 +21,10 @@ _BEARING_KNOWN_BELOW_DEG2 = 1e6
 """Variance below which a smoothed bearing rests on a measurement."""
 
 
+N_MEASURED = 7
+"""Values that are measured of a point: see `LinePoints.measured`."""
+
+
 @dataclass(frozen=True)
 class LinePoints(Rows):
     """Points of lines that have become final, one row each."""
@@ -36,8 +40,8 @@ class LinePoints(Rows):
     unwrapped), shape (point, 5, 2)."""
     measured: FloatArray
     """Associated measurement: frequency and its deviation (Hz), bearing and its
-    deviation (degree), level (dB), SNR (dB); nan if coasted; shape (point, 6). Of peaks
-    also 1 where the bearing may be a grating lobe's, shape (point, 7)."""
+    deviation (degree), level (dB), SNR (dB), and 1 where the bearing may be a grating
+    lobe's, else 0; nan if coasted; shape (point, N_MEASURED)."""
     association: IntArray
     """How the point was measured, as `Lines.association`, shape (point,)."""
 
@@ -78,7 +82,7 @@ class LinePoints(Rows):
     def join(cls, parts: Sequence["LinePoints"]) -> "LinePoints":
         """Put the points of several emissions behind each other."""
         none = np.zeros(0, dtype=np.int64)
-        nothing = np.zeros((0, 5, 2)), np.zeros((0, 6))
+        nothing = np.zeros((0, 5, 2)), np.zeros((0, N_MEASURED))
         return super().join(parts or [cls(none, none, np.zeros(0), *nothing, none)])
 
 
@@ -158,9 +162,7 @@ def to_lines(
         measured_bearing_std_deg=measured[:, 3],
         measured_level_db=measured[:, 4],
         measured_snr_db=measured[:, 5],
-        measured_is_aliased=(
-            (measured[:, 6:] == 1.0).any(axis=1) if has_lobes else None
-        ),
+        measured_is_aliased=(measured[:, 6] == 1.0 if has_lobes else None),
         association=points.association,
         line_id=table.line,
         line_contact=table.contact,

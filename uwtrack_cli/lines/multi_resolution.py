@@ -30,7 +30,7 @@ from uwtrack_cli.data.options import checked
 from uwtrack_cli.data.peaks import Families
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.lines.contacts import CORRELATION_WINDOWS, ContactSamples, group_lines
-from uwtrack_cli.lines.line_points import LinePoints
+from uwtrack_cli.lines.line_points import N_MEASURED, LinePoints
 from uwtrack_cli.lines.rungs.best_basis import RungLines, best_basis
 from uwtrack_cli.lines.rungs.rung_links import (
     joined_jumps,
@@ -264,7 +264,7 @@ def _on_grid(
         frame=grid.astype(np.int64),
         time_s=at_s,
         state=state,
-        measured=np.full((at_s.size, 6), np.nan),
+        measured=np.full((at_s.size, N_MEASURED), np.nan),
         association=np.zeros(at_s.size, np.int64),
     )
 

@@ -94,7 +94,7 @@ class Measured:
     variance: FloatArray
     """Variance of both, inf outside the line, shape (2, frame, line)."""
     raw: FloatArray
-    """Frequency, deviation, bearing, deviation, level, SNR: (6, frame, line)."""
+    """What `LinePoints.measured` holds, shape (N_MEASURED, frame, line)."""
 
 
 def to_window(spectrogram: Spectrogram, chosen: slice) -> WindowData:
@@ -177,7 +177,8 @@ def measure(data: WindowData, cells: IntArray, is_line: BoolArray) -> Measured:
     with np.errstate(divide="ignore", invalid="ignore"):
         level = 10.0 * np.log10(power * NOISE_BANDWIDTH_BINS * bin_hz)
         raw = np.stack([
-            frequency, std, bearing, bearing_std, level, 10.0 * np.log10(snr)
+            frequency, std, bearing, bearing_std, level, 10.0 * np.log10(snr),
+            np.full_like(level, np.nan),
         ])  # fmt: skip
     variance = np.stack([std**2, bearing_std**2])
     variance = np.where(known & np.isfinite(raw[[0, 2]]), variance, np.inf)

@@ -30,7 +30,7 @@ class FramePeaks:
     measured: FloatArray
     """Frequency and its deviation (Hz), bearing and its deviation (degree), level (dB),
     SNR (dB), and 1 where a grating lobe may stand for the bearing, else 0, as
-    `LinePoints.measured`, shape (7, peak)."""
+    `LinePoints.measured`, shape (N_MEASURED, peak)."""
     is_detection: BoolArray
     """Whether a peak exceeds the detection threshold, shape (peak,)."""
     is_in_family: BoolArray

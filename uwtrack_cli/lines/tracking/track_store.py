@@ -21,7 +21,7 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import COASTED, DETECTED, SUB_THRESHOLD
 from uwtrack_cli.estimation.kalman import KalmanState, advance, smooth_all
-from uwtrack_cli.lines.line_points import LinePoints
+from uwtrack_cli.lines.line_points import N_MEASURED, LinePoints
 
 FREE, TENTATIVE, CONFIRMED, ENDED = 0, 1, 2, 3
 """Values of `TrackStore.stage`."""
@@ -35,9 +35,9 @@ LAG_FRAMES = 256
 UNKNOWN_BEARING_VARIANCE = 1e8
 """Variance in degree^2 of a bearing that was never measured."""
 
-_STATE_ROWS, _DENSITY_ROWS, _MEASURED_ROWS = 10, 2, 7
+_STATE_ROWS, _DENSITY_ROWS = 10, 2
 _MEASURED = _STATE_ROWS + _DENSITY_ROWS
-_ASSOCIATION = _MEASURED + _MEASURED_ROWS
+_ASSOCIATION = _MEASURED + N_MEASURED
 _N_ROWS = _ASSOCIATION + 1
 _N_COUNTS, _N_GAUGES = 11, 10
 
@@ -233,7 +233,7 @@ class TrackStore:
         """Start tentative lines, a peak each.
 
         Entries of states and densities have the shape (2, line), the rows of
-        `FramePeaks.measured` (7, line). Scores are in nepers, the precision is the
+        `FramePeaks.measured` (N_MEASURED, line). Scores are in nepers, the precision is the
         reciprocal variance of a measured frequency, 1/Hz^2.
         """
         count = score.size
