@@ -201,3 +201,11 @@ def test_a_table_has_delays_in_some_rows(tmp_path):
     path.write_text("time_s,bearing_deg,bounce_delay_s\n0,10,-0.02\n")
     with pytest.raises(DataError, match="bounce_delay_s"):
         read_series(path)
+
+
+def test_depths_of_which_no_deviation_is_told_are_those_of_a_chart_and_a_mooring():
+    # IHO S-44, order 2, at 200 m: 4.707 m at 95 %, 2.402 m; sensor 0.5 m, source 2 m
+    given = BounceGeometry(water_depth_m=200.0, sensor_depth_m=60.0)
+    parts = [0.5 / 140.0, 2.0 / 197.0, 2.402 * (1.0 / 140.0 + 1.0 / 197.0)]
+    found = bounce_of(given, None).relative_std
+    assert found == pytest.approx(np.linalg.norm(parts), rel=1e-3)

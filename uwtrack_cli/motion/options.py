@@ -98,7 +98,8 @@ class BounceGeometry(OptionGroup):
     water_depth_m
         Depth of the water, for delays of the bottom.
     water_depth_std_m
-        Standard deviation of that depth, 0 for exactly known.
+        Standard deviation of that depth, 0 for exactly known; by default that of a chart
+        (order 2 of IHO S-44).
     sensor_depth_m
         Depth of the sensor; by default that of the sensor file.
     source_depth_m
@@ -109,7 +110,7 @@ class BounceGeometry(OptionGroup):
 
     path: Literal["bottom", "surface"] = "bottom"
     water_depth_m: Depth | None = None
-    water_depth_std_m: Depth = 0.0
+    water_depth_std_m: Depth | None = None
     sensor_depth_m: Depth | None = None
     source_depth_m: Depth = SOURCE_DEPTH_M
     source_depth_std_m: Depth = SOURCE_DEPTH_STD_M

@@ -26,6 +26,7 @@ from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.motion.options import BounceGeometry
+from uwtrack_cli.motion.passage.fit.nuisances import SENSOR_DEPTH_STD_M
 
 SMALLEST_RELATIVE_STD = 1e-6
 """Deviation of the factor of depths that are known exactly."""
@@ -69,6 +70,14 @@ class Bounce:
         return delay, -delay / reflected
 
 
+def _charted_std_m(depth_m: float) -> float:
+    """Return the deviation of a depth of a chart, m (IHO S-44 (2020), order 2).
+
+    That standard's vertical uncertainty is sqrt(1 m^2 + (0.023 depth)^2) at 95 %.
+    """
+    return float(np.hypot(1.0, 0.023 * depth_m)) / 1.96
+
+
 def bounce_of(given: BounceGeometry, sensor: Sensor | None) -> Bounce:
     """Return the reflected path of what was told of the depths.
 
@@ -77,9 +86,11 @@ def bounce_of(given: BounceGeometry, sensor: Sensor | None) -> Bounce:
     OptionError
         A depth is missing, or sensor or source lie beyond the plane.
     """
-    depth_m, depth_std_m = given.sensor_depth_m, 0.0
+    depth_m, depth_std_m = given.sensor_depth_m, None
     if depth_m is None and sensor is not None and sensor.depth_m is not None:
-        depth_m, depth_std_m = sensor.depth_m, sensor.depth_std_m or 0.0
+        depth_m, depth_std_m = sensor.depth_m, sensor.depth_std_m
+    if depth_std_m is None:
+        depth_std_m = SENSOR_DEPTH_STD_M
     if depth_m is None:
         msg = (
             "bounce_delay_s tells a range only with the depth of the sensor: give "
@@ -103,8 +114,9 @@ def bounce_of(given: BounceGeometry, sensor: Sensor | None) -> Bounce:
             )
             raise OptionError(msg)
         away = given.water_depth_m - np.array([depth_m, source_m])
-        water_std = given.water_depth_std_m
-        words = f"water of {given.water_depth_m:g} m, {words}"
+        told = given.water_depth_std_m
+        water_std = _charted_std_m(given.water_depth_m) if told is None else told
+        words = f"water of {given.water_depth_m:g} m within {water_std:.2g} m, {words}"
     if away.min() <= 0.0:
         msg = (
             f"no path is reflected by the {given.path}: {words}. Sensor and source must lie "
