@@ -27,7 +27,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import lgamma, log, pi
+from math import e, lgamma, log, pi
 from typing import Any, Literal
 
 import numpy as np
@@ -84,7 +84,7 @@ LOG_RANGE_STD = 1.0
 LOG_FREQUENCY_SPAN = log(1e4)
 """A rest frequency is equally likely anywhere in four decades."""
 
-UNTOLD_COMPASS_STD_DEG = 3.0 * np.e
+UNTOLD_COMPASS_STD_DEG = 3.0 * e
 """Deviation of a compass of which none is told: the root mean square of the prior of its
 logarithm in `contact`."""
 
