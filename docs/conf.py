@@ -22,11 +22,7 @@ author = "the uwtrack authors"
 copyright = author  # noqa: A001 - Sphinx's name
 version = release = uwtrack_cli.__version__
 
-extensions = [
-    "myst_nb",
-    "numpydoc",
-    "sphinx.ext.autodoc",
-]
+extensions = ["myst_nb", "numpydoc", "sphinx.ext.autodoc"]
 html_math_renderer = "mathml"
 myst_update_mathjax = False
 exclude_patterns = ["_build"]
@@ -52,8 +48,7 @@ html_theme_options = {
     "secondary_sidebar_items": ["page-toc"],
 }
 html_sidebars = {
-    name: []
-    for name in ("index", "install", "first-half-hour", "soundtrap-folder", "notebook")
+    name: [] for name in ("index", "install", "first-half-hour", "soundtrap-folder", "notebook")
 }
 
 
@@ -74,7 +69,5 @@ def setup(app: Sphinx) -> None:
 
     What the notebook shows may have changed.
     """
-    app.add_html_math_renderer(
-        "mathml", (write_inline_math, None), (write_block_math, None)
-    )
+    app.add_html_math_renderer("mathml", (write_inline_math, None), (write_block_math, None))
     app.connect("env-get-outdated", lambda *_: ["notebook"])

@@ -60,9 +60,7 @@ PICTURES = {
 }
 """Pictures of commands, with what they show."""
 
-FOR_ALL = {
-    "commands.md", "first-half-hour.md", "measured.md", "migration.md", "notebook.md"
-}  # fmt: skip
+FOR_ALL = {"commands.md", "first-half-hour.md", "measured.md", "migration.md", "notebook.md"}
 """Pages that name a command only by the way, and those that begin with no heading."""
 
 MOST_PAGES = 6
@@ -152,9 +150,9 @@ def _command(name: str) -> Iterator[str]:
     yield from _example(name)
     if arguments:
         yield from ("", "## Arguments")
-        yield from _table(["argument", "meaning"], [
-            [f"`{p.name}`", _escaped(p.help or "")] for p in arguments
-        ])  # fmt: skip
+        yield from _table(
+            ["argument", "meaning"], [[f"`{p.name}`", _escaped(p.help or "")] for p in arguments]
+        )
     panels: dict[str, list[Any]] = {}
     for param in params:
         if param.param_type_name == "option":
@@ -162,9 +160,7 @@ def _command(name: str) -> Iterator[str]:
             panels.setdefault(title, []).append(param)
     for title, options in panels.items():
         yield from ("", f"## {title}")
-        yield from _table(
-            ["option", "value", "default", "meaning"], map(_option, options)
-        )
+        yield from _table(["option", "value", "default", "meaning"], map(_option, options))
     yield from _see_also(name)
 
 
@@ -237,13 +233,7 @@ def _kind(hint: Any) -> str:
         return f"{_kind(inner[0])}, ..."
     if origin is tuple:
         return " ".join(map(_kind, inner))
-    known = {
-        float: "number",
-        int: "integer",
-        str: "text",
-        Path: "path",
-        bool: "true, false",
-    }
+    known = {float: "number", int: "integer", str: "text", Path: "path", bool: "true, false"}
     return known.get(hint, getattr(hint, "__name__", str(hint)))
 
 
@@ -252,14 +242,8 @@ def _container(kind: type[Container]) -> Iterator[str]:
     yield inspect.getdoc(kind) or ""
     columns = kind.columns()
     for axis in dict.fromkeys(spec.axes[0] for spec in columns.values()):
-        owned = [
-            c for c, spec in columns.items() if spec.owner and spec.axes[0] == axis
-        ]
-        ragged = (
-            f"; a ragged table, {columns[owned[0]].owner} by `{owned[0]}`"
-            if owned
-            else ""
-        )
+        owned = [c for c, spec in columns.items() if spec.owner and spec.axes[0] == axis]
+        ragged = f"; a ragged table, {columns[owned[0]].owner} by `{owned[0]}`" if owned else ""
         yield from ("", f"## One row per {axis}{ragged}")
         yield from _table(["column", "unit", "type", "axes", "meaning"], [
             [
@@ -292,10 +276,7 @@ def _cells(spec: Column) -> str:
     cells = spec.cells
     facts = ["needed" if cells.needed else "may be left out"]
     if len(spec.axes) > 1:
-        facts = [
-            "may be left out",
-            "numbered from 2 without a gap where there are several",
-        ]
+        facts = ["may be left out", "numbered from 2 without a gap where there are several"]
     facts.append("every cell" if cells.every else "cells may be empty")
     if math.isfinite(cells.low):
         is_tiny = 0.0 < cells.low <= sys.float_info.min
@@ -371,9 +352,7 @@ def field_texts(kind: type) -> dict[str, str]:
         (node,) = ast.parse(inspect.getsource(base)).body
         body = node.body if isinstance(node, ast.ClassDef) else []
         for field, text in itertools.pairwise(body):
-            is_text = isinstance(text, ast.Expr) and isinstance(
-                text.value, ast.Constant
-            )
+            is_text = isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
             if isinstance(field, ast.AnnAssign) and is_text:
                 texts[ast.unparse(field.target)] = str(text.value.value)
     return texts

@@ -21,25 +21,12 @@ from studies.clutter_scans import (
     constant_velocity_truth,
     simulate_scan,
 )
-from uwtrack_cli.clutter.clutter_filter import (
-    ClutterSetting,
-    Scan,
-    ThresholdRule,
-    step,
-)
+from uwtrack_cli.clutter.clutter_filter import ClutterSetting, Scan, ThresholdRule, step
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.constant_velocity import constant_velocity
 from uwtrack_cli.estimation.imm import Belief, advance, moments
-from uwtrack_cli.estimation.operating_curve import (
-    OperatingCurve,
-    TargetModel,
-    model_curve,
-)
-from uwtrack_cli.estimation.probabilistic_association import (
-    Association,
-    correct,
-    innovate,
-)
+from uwtrack_cli.estimation.operating_curve import OperatingCurve, TargetModel, model_curve
+from uwtrack_cli.estimation.probabilistic_association import Association, correct, innovate
 from uwtrack_cli.estimation.track_score import track_score
 
 N_SCANS = 50
@@ -187,9 +174,7 @@ class MethodRun:
         return Estimate(*moments(self.belief), np.zeros(miss.shape[-1]))
 
 
-def run_scene(
-    scene: ClutterExperiment, *, runs: int, seed: int
-) -> dict[str, TrackTally]:
+def run_scene(scene: ClutterExperiment, *, runs: int, seed: int) -> dict[str, TrackTally]:
     """Run every method through a scene's scans.
 
     ``runs``: number of independent runs, from 1.
@@ -210,9 +195,7 @@ def run_scene(
     )  # fmt: skip
     for number, state in enumerate(truth):
         scan = simulate_scan(rng, state[:, ::2], detector)
-        own = state[:, None, ::2] + math.sqrt(_VARIANCE_M2) * rng.standard_normal(
-            (runs, 1, 2)
-        )
+        own = state[:, None, ::2] + math.sqrt(_VARIANCE_M2) * rng.standard_normal((runs, 1, 2))
         for name, method in methods.items():
             if name == "KF-clean":
                 estimate = method.step_nearest(own, np.ones((runs, 1), bool), np.inf)
@@ -259,10 +242,7 @@ def _methods(scene: ClutterExperiment, start: FloatArray) -> dict[str, MethodRun
         "post": setting_of("posterior", curve),
         "TS-lit": setting_of("region", curve),
     }
-    methods = {
-        name: MethodRun(belief, setting, variances)
-        for name, setting in settings.items()
-    }
+    methods = {name: MethodRun(belief, setting, variances) for name, setting in settings.items()}
     if scene.manoeuvre:
         methods["prior, two models"] = MethodRun(belief, prior, (1.0, *variances))
     return methods

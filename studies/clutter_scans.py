@@ -92,9 +92,7 @@ def simulate_scan(
     return SimulatedScan(measured, amplitude, (order == 0) & present)
 
 
-def _target_amplitude(
-    rng: np.random.Generator, runs: int, scene: ClutterScene
-) -> FloatArray:
+def _target_amplitude(rng: np.random.Generator, runs: int, scene: ClutterScene) -> FloatArray:
     if scene.target == "fluctuating":
         power = rng.standard_exponential(runs)
         rayleigh: FloatArray = np.sqrt(2.0 * (1.0 + scene.signal_to_noise) * power)

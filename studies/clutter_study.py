@@ -17,20 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from studies.clutter_runs import (
-    EXPERIMENTS,
-    ClutterExperiment,
-    TrackTally,
-    run_scene,
-    setting_of,
-)
+from studies.clutter_runs import EXPERIMENTS, ClutterExperiment, TrackTally, run_scene, setting_of
 from studies.clutter_scans import ClutterScene, simulate_scan
-from studies.rows import (
-    error_row,
-    exact_row,
-    load_reference,
-    share_row,
-)
+from studies.rows import error_row, exact_row, load_reference, share_row
 from uwtrack_cli.clutter.clutter_filter import ClutterSetting, Scan, step
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.study import Study, StudyRow
@@ -103,9 +92,7 @@ def _optimum_rows(reference: Any) -> Iterator[StudyRow]:
         q2 = information_reduction(curve.detection(false_alarm), false_alarm * cells)
         case = f"optimum, {point['model']} {point['snr']:.3g}, {point['cells']:g} cells"
         published = point["false_alarm_probability"]
-        yield exact_row(
-            case, "false alarm probability", published, float(false_alarm[0])
-        )
+        yield exact_row(case, "false alarm probability", published, float(false_alarm[0]))
         yield exact_row(case, "q2", point["q2"], float(q2[0]))
 
 
@@ -116,9 +103,8 @@ def _recorded_rows() -> Iterator[StudyRow]:
     transition, noise = constant_velocity(1.0, 10.0, 2)
     for track in golden["tracks"]:
         belief = Belief(
-            np.array(track["x0"])[None, None], 100.0 * np.eye(4)[None, None],
-            np.ones((1, 1)),
-        )  # fmt: skip
+            np.array(track["x0"])[None, None], 100.0 * np.eye(4)[None, None], np.ones((1, 1))
+        )
         worst = 0.0
         for recorded in track["steps"]:
             measured = np.array(recorded["Z"], dtype=np.float64).reshape(1, -1, 2)
@@ -144,35 +130,25 @@ def _one_step_rows(reference: Any, runs: int, seed: int) -> Iterator[StudyRow]:
             for rule, ours in found.items():
                 reported, true = entry["rows"][rule]
                 case = f"one scan, {entry['detector']}, S={variance:g} m^2, {rule}"
-                yield error_row(
-                    case, "reported", reported, ours.reported, ours.reported_error
-                )
+                yield error_row(case, "reported", reported, ours.reported, ours.reported_error)
                 yield error_row(case, "true", true, ours.true, ours.true_error)
 
 
-def _scene_rows(
-    name: str, tallies: dict[str, TrackTally], published: Any
-) -> Iterator[StudyRow]:
+def _scene_rows(name: str, tallies: dict[str, TrackTally], published: Any) -> Iterator[StudyRow]:
     for method, tally in tallies.items():
         known = published.get(method, {})
         case = f"{name}, {method}"
-        yield share_row(
-            case, "lost (%)", known.get("lost_percent"), tally.lost, percent=True
-        )
+        yield share_row(case, "lost (%)", known.get("lost_percent"), tally.lost, percent=True)
         kept = tally.means[:, ~tally.lost]
         if kept.shape[1] > 1:
             yield from _kept_rows(case, kept, known)
         if method in {"prior", "prior, two models"}:
             if tally.lost.any():
                 lost = tally.flagged[tally.lost]
-                yield share_row(
-                    case, "flagged among the lost (%)", None, lost, percent=True
-                )
+                yield share_row(case, "flagged among the lost (%)", None, lost, percent=True)
             if not tally.lost.all():
                 kept_flag = tally.flagged[~tally.lost]
-                yield share_row(
-                    case, "flagged among the kept (%)", None, kept_flag, percent=True
-                )
+                yield share_row(case, "flagged among the kept (%)", None, kept_flag, percent=True)
     yield from _paired_rows(name, tallies, published)
 
 
@@ -194,9 +170,7 @@ def _kept_rows(case: str, kept: FloatArray, known: Any) -> Iterator[StudyRow]:
         yield error_row(case, quantity, known.get(key), value, half)
 
 
-def _paired_rows(
-    name: str, tallies: dict[str, TrackTally], published: Any
-) -> Iterator[StudyRow]:
+def _paired_rows(name: str, tallies: dict[str, TrackTally], published: Any) -> Iterator[StudyRow]:
     """Compare the rules on the same scans."""
     fixed = min(("fix.1", "fix.03", "fix.01"), key=lambda m: tallies[m].lost.sum())
     pairs = {
@@ -265,9 +239,8 @@ def one_step(
     )  # fmt: skip
     drawn = simulate_scan(rng, truth, detector)
     scan = Scan(
-        drawn.measured, np.isfinite(drawn.amplitude), drawn.amplitude,
-        _NOISE_M2 * np.eye(2)[None],
-    )  # fmt: skip
+        drawn.measured, np.isfinite(drawn.amplitude), drawn.amplitude, _NOISE_M2 * np.eye(2)[None]
+    )
     best = 2.0 * spread**2 / innovation_variance
     return {
         name: _factors(setting, scan, truth, spread, best)
@@ -289,11 +262,7 @@ def _settings(scene: ClutterExperiment) -> dict[str, ClutterSetting]:
 
 
 def _factors(
-    setting: ClutterSetting,
-    scan: Scan,
-    truth: FloatArray,
-    spread: float,
-    best: float,
+    setting: ClutterSetting, scan: Scan, truth: FloatArray, spread: float, best: float
 ) -> OneStep:
     runs = truth.shape[0]
     prediction = np.tile(np.diag([spread, 0.0, spread, 0.0]), (1, runs, 1, 1))

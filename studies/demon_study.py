@@ -58,13 +58,10 @@ def study_demon(runs: int = 20, seed: int = 1) -> Study:
         case = f"{snr_db:g} dB, {depth:.0%}"
         found = np.array([_one_scene(snr_db, depth, (seed, k)) for k in range(runs)])
         for number, name in enumerate(("blade rate", "one family", "shaft in 0.02 Hz")):
-            row = share_row(case, f"found: {name}, %", None, found[:, number] > 0.5,
-                            percent=True)  # fmt: skip
+            row = share_row(case, f"found: {name}, %", None, found[:, number] > 0.5, percent=True)
             rows.append(row)
     for kind, noise in NOISES.items():
-        count = sum(
-            _rates(noise(np.random.default_rng((seed, 50, k)))) for k in range(runs)
-        )
+        count = sum(_rates(noise(np.random.default_rng((seed, 50, k)))) for k in range(runs))
         hours = runs * NOISE_S / 3600.0
         rows.append(rate_row(kind, "false rates, 1/h", None, count, hours))
     remark = (
@@ -82,16 +79,12 @@ def _one_scene(snr_db: float, depth: float, seed: tuple[int, int]) -> list[bool]
         lines.frequency_hz, lines.frequency_std_hz, lines.level_db, lines.resolution_hz
     )
     of_blades = [f for f in families if near[f.rows].any()]
-    is_family = any(
-        (np.abs(lines.frequency_hz[f.rows] - SHAFT_HZ) < 0.1).any() for f in of_blades
-    )
+    is_family = any((np.abs(lines.frequency_hz[f.rows] - SHAFT_HZ) < 0.1).any() for f in of_blades)
     is_shaft = any(abs(f.shaft_hz - SHAFT_HZ) < SHAFT_BAND_HZ for f in of_blades)
     return [bool(near.any()), is_family, is_shaft]
 
 
-def cavitation(
-    generator: np.random.Generator, snr_db: float, depth: float
-) -> FloatArray:
+def cavitation(generator: np.random.Generator, snr_db: float, depth: float) -> FloatArray:
     """Return a cavitating vessel in white ambient noise of unit variance.
 
     ``snr_db``: power over the ambient noise in the band, dB. ``depth``: modulation of

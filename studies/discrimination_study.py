@@ -85,9 +85,7 @@ def study_discriminate(*, runs: int = 2000, seed: int = 1) -> Study:
     rows = list(_textbook_rows(reference, 25 * runs, seed))
     for scenario, aspect in (*known, *_FURTHER_ASPECTS):
         for name, (filters, is_published) in _FILTERS.items():
-            result = run_scenario(
-                scenario, aspect, filters, is_published, runs=runs, seed=seed
-            )
+            result = run_scenario(scenario, aspect, filters, is_published, runs=runs, seed=seed)
             published = known.get((scenario, aspect), ()) if not name else ()
             case = f"scenario {scenario}, aspect {aspect} deg{name}"
             rows += _scenario_rows(case, result, published)
@@ -140,17 +138,12 @@ def run_scenario(
     mean = round(float(scan[right].mean())) if right.any() else odds.shape[0] - 1
     fit = consistency(found.distance2[:, 0], found.degrees[:, 0])
     return ScenarioResult(
-        decision, np.where(decision != 0, scan + 2, 0), odds[mean] > 0.0,
-        fit < 0.05,
-    )  # fmt: skip
+        decision, np.where(decision != 0, scan + 2, 0), odds[mean] > 0.0, fit < 0.05
+    )
 
 
 def _run_filters(
-    scene: RepeaterScene,
-    filters: ContactFilters,
-    is_published: bool,
-    runs: int,
-    seed: int,
+    scene: RepeaterScene, filters: ContactFilters, is_published: bool, runs: int, seed: int
 ) -> PairTest:
     drawn = simulate_repeater(np.random.default_rng(seed), scene, runs)
     variance = np.array([
@@ -163,10 +156,7 @@ def _run_filters(
     def observations(table: FloatArray) -> list[Observation]:
         measured = table.copy()
         measured[..., 1] = np.deg2rad(90.0 - table[..., 1])
-        return [
-            Observation(measured[k], variance, own[i], rate[i])
-            for k, i in enumerate(at)
-        ]
+        return [Observation(measured[k], variance, own[i], rate[i]) for k, i in enumerate(at)]
 
     source, repeater = observations(drawn.source), observations(drawn.repeater)
     split = int(np.flatnonzero(np.isfinite(drawn.repeater[:, 0, 0]))[0])
@@ -206,9 +196,7 @@ def _published_fits(
     spread[..., 1, 1] = (filters.inverse_range_std / distance) ** 2
     # One model and one term; range and rate, which nothing measures, do not matter.
     one = np.ones((1, 1, *bearing.shape))
-    drifting = GaussianSum(
-        Belief(mean[None, None], spread[None, None], one), np.log(one[0])
-    )
+    drifting = GaussianSum(Belief(mean[None, None], spread[None, None], one), np.log(one[0]))
     drifts = []
     for scan, seen in enumerate(scans[1:], 1):
         alone = np.where([False, True, False], seen.measured, np.nan)
@@ -234,9 +222,7 @@ def _published_moving(
     along = np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)
     across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
     nothing = np.zeros_like(along)
-    mean = np.concatenate(
-        [first.position + distance[..., None] * along, nothing], axis=-1
-    )
+    mean = np.concatenate([first.position + distance[..., None] * along, nothing], axis=-1)
     spread = np.zeros((*mean.shape, 4))
     for line, variance in ((along, var_r), (across, distance**2 * var_b)):
         square = line[..., :, None] * line[..., None, :]
@@ -269,9 +255,7 @@ def _published_moving(
             belief.mean + (gain @ residual[..., None])[..., 0],
             belief.covariance - gain @ innovation @ np.swapaxes(gain, -1, -2), weight,
         )  # fmt: skip
-        fits.append(InnovationFit(
-            total, (weight * distance2).sum(axis=0), np.full(total.shape, 3)
-        ))  # fmt: skip
+        fits.append(InnovationFit(total, (weight * distance2).sum(axis=0), np.full(total.shape, 3)))
     return fits
 
 
@@ -291,9 +275,7 @@ def _seen_from(mean: FloatArray, seen: Observation) -> tuple[FloatArray, FloatAr
     return np.stack([distance[..., 0], bearing, closing], axis=-1), slope
 
 
-def _scenario_rows(
-    case: str, result: ScenarioResult, published: Any
-) -> Iterator[StudyRow]:
+def _scenario_rows(case: str, result: ScenarioResult, published: Any) -> Iterator[StudyRow]:
     shares = {
         "right": result.decision < 0,
         "wrong": result.decision > 0,
@@ -304,9 +286,7 @@ def _scenario_rows(
         yield share_row(case, name, references.get(name), events)
     right = result.scans[shares["right"]].astype(np.float64)
     if right.size > 1:
-        yield from mean_row(
-            case, "mean scans when right", references.get("scans"), right
-        )
+        yield from mean_row(case, "mean scans when right", references.get("scans"), right)
     yield share_row(case, "wrong, fixed length", None, result.fixed_wrong)
     yield share_row(case, "moving filter improbable", None, result.improbable)
 

@@ -83,16 +83,11 @@ def _evaluate(
 ) -> FloatArray:
     points = _decode(genes, *box, policy.bits)
     member = np.repeat(np.arange(len(genes)), policy.members)
-    return objective(points.reshape(-1, points.shape[-1]), member).reshape(
-        genes.shape[:2]
-    )
+    return objective(points.reshape(-1, points.shape[-1]), member).reshape(genes.shape[:2])
 
 
 def _breed(
-    genes: BoolArray,
-    value: FloatArray,
-    rng: np.random.Generator,
-    policy: GeneticPolicy,
+    genes: BoolArray, value: FloatArray, rng: np.random.Generator, policy: GeneticPolicy
 ) -> BoolArray:
     """Select by tournament, cross pairs at one point, flip bits."""
     count, members, length = genes.shape
@@ -110,18 +105,14 @@ def _breed(
     return np.asarray(children ^ (rng.random(genes.shape) < policy.mutation))
 
 
-def _decode(
-    genes: BoolArray, lower: FloatArray, upper: FloatArray, bits: int
-) -> FloatArray:
+def _decode(genes: BoolArray, lower: FloatArray, upper: FloatArray, bits: int) -> FloatArray:
     """Turn bits into parameters (Chang et al. 2003, eq. 7)."""
     power = 2.0 ** np.arange(bits - 1, -1, -1)
     number = genes.reshape(*genes.shape[:-1], lower.size, bits) @ power
     return np.asarray(lower + number * (upper - lower) / (2.0**bits - 1.0))
 
 
-def _encode(
-    points: FloatArray, lower: FloatArray, upper: FloatArray, bits: int
-) -> BoolArray:
+def _encode(points: FloatArray, lower: FloatArray, upper: FloatArray, bits: int) -> BoolArray:
     share = np.clip((points - lower) / (upper - lower), 0.0, 1.0)
     number = np.rint(share * (2.0**bits - 1.0)).astype(np.int64)
     genes = (number[..., np.newaxis] >> np.arange(bits - 1, -1, -1)) & 1

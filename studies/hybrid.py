@@ -16,19 +16,9 @@ from typing import Literal
 
 import numpy as np
 
-from studies.annealing import (
-    AnnealingPolicy,
-    annealing_search,
-)
-from studies.genetic import (
-    GeneticPolicy,
-    genetic_search,
-)
-from studies.simplex import (
-    Minima,
-    nelder_mead,
-    simplex_about,
-)
+from studies.annealing import AnnealingPolicy, annealing_search
+from studies.genetic import GeneticPolicy, genetic_search
+from studies.simplex import Minima, nelder_mead, simplex_about
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.motion.target_motion.model import from_motion
 from uwtrack_cli.motion.target_motion.objective import misfit_value
@@ -57,9 +47,7 @@ class Box:
 
     def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
         """Draw points evenly from the box."""
-        return np.asarray(
-            self.lower + self.spans * rng.random((count, len(self.lower)))
-        )
+        return np.asarray(self.lower + self.spans * rng.random((count, len(self.lower))))
 
 
 def box_of(problem: Problem, limits: SearchBounds) -> Box:
@@ -68,12 +56,12 @@ def box_of(problem: Problem, limits: SearchBounds) -> Box:
     speed = float(limits.upper[2])
     own = np.hypot(*problem.track.velocity_mps).max()
     reach = (speed + float(own)) / problem.sound_speed_mps
-    middle = np.array([
-        np.median(line[weight > 0]) if (weight > 0).any() else 1.0
-        for line, weight in zip(
-            problem.frequency_hz[0], problem.frequency_weight, strict=True
-        )
-    ])  # fmt: skip
+    middle = np.array(
+        [
+            np.median(line[weight > 0]) if (weight > 0).any() else 1.0
+            for line, weight in zip(problem.frequency_hz[0], problem.frequency_weight, strict=True)
+        ]
+    )
     turn = 2.0 * np.pi
     return Box(
         np.concatenate([[0.0, 0.0, 0.0, 0.0], middle * (1.0 - reach)]),
@@ -167,8 +155,6 @@ def solve_hybrid(
     found = []
     for end in ends:
         part = problem.rows(slice(0, int(end)))
-        feedback = hybrid_search(
-            part, box, 1, rng, search=search, feedback=feedback
-        ).point
+        feedback = hybrid_search(part, box, 1, rng, search=search, feedback=feedback).point
         found.append(to_solver(feedback)[0])
     return np.stack(found)

@@ -78,11 +78,8 @@ def study_line_association(*, runs: int = 4, seed: int = 1) -> Study:
             rows += mean_row(
                 f"crossing, {case}", "followed through (share)", None, np.array(crossed)
             )
-            rows += mean_row(
-                f"noise alone, {case}", "lines in 300 s", None, np.array(noise)
-            )
-    return Study("line-association", "no published figures", runs, seed, tuple(rows),
-                 _REMARKS)  # fmt: skip
+            rows += mean_row(f"noise alone, {case}", "lines in 300 s", None, np.array(noise))
+    return Study("line-association", "no published figures", runs, seed, tuple(rows), _REMARKS)
 
 
 @dataclass(frozen=True)
@@ -153,9 +150,7 @@ def noise_lines(kept: float, seed: int) -> dict[Tracker, float]:
     ``kept``: exceedance probability of the weakest peaks kept.
     """
     silence = np.full((1, round(_LENGTH_S * _RATE_HZ)), np.nan)
-    samples = simulate_tones(
-        np.random.default_rng(seed), silence, 0.0, sample_rate_hz=_RATE_HZ
-    )
+    samples = simulate_tones(np.random.default_rng(seed), silence, 0.0, sample_rate_hz=_RATE_HZ)
     lax = ScoreLogic(false_lines_per_khz_hour=200.0)
     found = _track(samples, kept, lax)
     return {tracker: float(lines.line_id.size) for tracker, lines in found.items()}
@@ -181,8 +176,7 @@ def _track(samples: FloatArray, kept: float, score: ScoreLogic) -> dict[Tracker,
         n_samples=samples.size, n_channels=1, reader=read,
     )  # fmt: skip
     blocks: list[Peaks] = [
-        find_peaks(block, kept_probability=kept)
-        for block in compute_spectrogram(recording)
+        find_peaks(block, kept_probability=kept) for block in compute_spectrogram(recording)
     ]
     return {
         "track": Lines.join(list(track_lines(iter(blocks), score=score))),

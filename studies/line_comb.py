@@ -68,14 +68,10 @@ class _Families:
     """Number of sets."""
     seed: int
     """Seed of the sets."""
-    known: dict[tuple[int, float, float, float], FloatArray] = field(
-        default_factory=dict
-    )
+    known: dict[tuple[int, float, float, float], FloatArray] = field(default_factory=dict)
     """Least chances by teeth, density, jitter and share of teeth seen."""
 
-    def chances(
-        self, teeth: int, density: float, jitter_hz: float, seen: float
-    ) -> FloatArray:
+    def chances(self, teeth: int, density: float, jitter_hz: float, seen: float) -> FloatArray:
         """Return their least chances."""
         key = teeth, density, jitter_hz, seen
         if key not in self.known:
@@ -108,9 +104,7 @@ def comb_rows(reference: dict[str, Any], runs: int, seed: int) -> Iterator[Study
             )  # fmt: skip
 
 
-def _false_rows(
-    known: dict[str, dict[str, list[float]]], noise: _Noise
-) -> Iterator[StudyRow]:
+def _false_rows(known: dict[str, dict[str, list[float]]], noise: _Noise) -> Iterator[StudyRow]:
     for jitter, by_density in known.items():
         for density, shares in by_density.items():
             found = noise.chances(float(density), float(jitter))
@@ -150,18 +144,15 @@ def least_chance(frequency_hz: FloatArray, jitter_hz: float = JITTER_HZ) -> floa
 
 
 def noise_chances(
-    density: float,
-    sets: int,
-    rng: np.random.Generator,
-    jitter_hz: float = JITTER_HZ,
+    density: float, sets: int, rng: np.random.Generator, jitter_hz: float = JITTER_HZ
 ) -> FloatArray:
     """Least chances of sets of peaks at random."""
-    return np.array([
-        least_chance(
-            rng.uniform(LOW_HZ, LOW_HZ + BAND_HZ, rng.poisson(density)), jitter_hz
-        )
-        for _ in range(sets)
-    ])  # fmt: skip
+    return np.array(
+        [
+            least_chance(rng.uniform(LOW_HZ, LOW_HZ + BAND_HZ, rng.poisson(density)), jitter_hz)
+            for _ in range(sets)
+        ]
+    )
 
 
 def family_chances(
@@ -191,9 +182,7 @@ def family_chances(
     ])  # fmt: skip
 
 
-def _family(
-    n_teeth: int, rng: np.random.Generator, jitter_hz: float, seen: float
-) -> FloatArray:
+def _family(n_teeth: int, rng: np.random.Generator, jitter_hz: float, seen: float) -> FloatArray:
     spacing = rng.uniform(15.0, min(60.0, (BAND_HZ - 1.0) / (n_teeth - 1)))
     room = BAND_HZ - (n_teeth - 1) * spacing
     teeth = LOW_HZ + rng.uniform(0.0, room) + spacing * np.arange(n_teeth)

@@ -32,11 +32,7 @@ from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.data.study import StudyRow
 from uwtrack_cli.lines.trace import trace_lines
 from uwtrack_cli.lines.track import track_lines
-from uwtrack_cli.lines.tracker_options import (
-    CountLogic,
-    Feedback,
-    ProcessNoise,
-)
+from uwtrack_cli.lines.tracker_options import CountLogic, Feedback, ProcessNoise
 from uwtrack_cli.spectra.peaks import find_peaks
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
@@ -93,18 +89,15 @@ def sound_rows(reference: dict[str, Any], runs: int, seed: int) -> Iterator[Stud
     """
     trials, traced = _TRIALS_PER_RUN * runs, _TRACED_PER_RUN * runs
     for method, grid in SNR_GRIDS.items():
-        detected = np.array([
-            [trial.is_detected for trial in _trials(method, snr, trials, seed)]
-            for snr in grid
-        ])  # fmt: skip
+        detected = np.array(
+            [[trial.is_detected for trial in _trials(method, snr, trials, seed)] for snr in grid]
+        )
         for level, known in reference["detection_snr_db"][method].items():
             yield detection_row(
                 f"minute {method}", known, np.array(grid), detected, float(level),
                 np.random.default_rng(seed),
             )  # fmt: skip
-        false = [
-            count_false(method, _SEED_STEP * seed + k) for k in range(trials)
-        ]  # fmt: skip
+        false = [count_false(method, _SEED_STEP * seed + k) for k in range(trials)]
         gates = 0.5 * RATE_HZ / GATE_HZ
         yield rate_row(
             f"minute {method}, noise alone", "false lines per gate",
@@ -119,9 +112,7 @@ def sound_rows(reference: dict[str, Any], runs: int, seed: int) -> Iterator[Stud
     for method, snrs in STATED_SNRS.items():
         for snr in snrs:
             yield from _stated_rows(
-                f"minute {method}, {snr:g} dB",
-                reference,
-                _trials(method, snr, traced, seed),
+                f"minute {method}, {snr:g} dB", reference, _trials(method, snr, traced, seed)
             )
 
 
@@ -144,10 +135,9 @@ def _trials(method: str, snr: float, trials: int, seed: int) -> list[LineTrial]:
 
 def trace(blocks: list[Spectrogram]) -> Lines:
     """Track before detect."""
-    return Lines.join(list(trace_lines(
-        iter(blocks), false_lines_per_khz_hour=TRACE_FALSE_LINES,
-        motion=_STEADY,
-    )))  # fmt: skip
+    return Lines.join(
+        list(trace_lines(iter(blocks), false_lines_per_khz_hour=TRACE_FALSE_LINES, motion=_STEADY))
+    )
 
 
 def score(blocks: list[Spectrogram]) -> Lines:
@@ -159,8 +149,7 @@ def count(blocks: list[Spectrogram]) -> Lines:
     """Track peaks by three hits of five, at a threshold of equal false lines."""
     level = COUNT_FALSE_ALARM
     peaks = [
-        find_peaks(block, false_alarm_probability=level, kept_probability=level)
-        for block in blocks
+        find_peaks(block, false_alarm_probability=level, kept_probability=level) for block in blocks
     ]
     return Lines.join(list(track_lines(
         iter(peaks), initiation="count", count=CountLogic(), feedback=_ALONE,
@@ -230,9 +219,8 @@ def detect_line(method: str, snr_db: float, seed: int) -> LineTrial:
     own = lines.line == ids[np.argmax(counts)]
     score = off[own] ** 2 / lines.frequency_covariance[own, 0, 0]
     return LineTrial(
-        True, float(np.mean(off[own] ** 2)), float(np.mean(score)),
-        float(np.mean(score < 1.96**2)),
-    )  # fmt: skip
+        True, float(np.mean(off[own] ** 2)), float(np.mean(score)), float(np.mean(score < 1.96**2))
+    )
 
 
 RATE_HZ = 1024
@@ -241,9 +229,7 @@ _BATCH = 500
 _NEAR_HZ, _GROSS_HZ = 2.5, 1.0
 
 
-def frequency_rows(
-    reference: dict[str, Any], runs: int, seed: int
-) -> Iterator[StudyRow]:
+def frequency_rows(reference: dict[str, Any], runs: int, seed: int) -> Iterator[StudyRow]:
     """Repeat the single frames: error over the bound, and over what is stated.
 
     ``runs``: a hundred tones come to a run.
@@ -255,9 +241,8 @@ def frequency_rows(
         case = f"one frame, {snr} dB"
         yield from root_row(case, "error over bound", known, (error / bound) ** 2)
         yield from root_row(
-            case, "error over stated", reference["stated_error_ratio"],
-            (error / stated) ** 2,
-        )  # fmt: skip
+            case, "error over stated", reference["stated_error_ratio"], (error / stated) ** 2
+        )
 
 
 def frame_errors(
@@ -275,9 +260,7 @@ def frame_errors(
         trials -= size
         frequency = 200.0 + rng.uniform(0.0, 1.0, size)
         phase = rng.uniform(0.0, 2.0 * np.pi, size)
-        tones = amplitude * np.cos(
-            2.0 * np.pi * frequency[:, None] * time + phase[:, None]
-        )
+        tones = amplitude * np.cos(2.0 * np.pi * frequency[:, None] * time + phase[:, None])
         # noise of one-sided density 1
         tones += rng.standard_normal(tones.shape) * np.sqrt(RATE_HZ / 2)
         sound = tones.ravel().astype(np.float32)
@@ -310,18 +293,13 @@ def detection_row(
     """
     ours = detection_snr_db(grid_db, detected.mean(axis=1), level)
     draws = rng.integers(0, detected.shape[1], (_N_RESAMPLES, detected.shape[1]))
-    again = [
-        detection_snr_db(grid_db, detected[:, draw].mean(axis=1), level)
-        for draw in draws
-    ]
+    again = [detection_snr_db(grid_db, detected[:, draw].mean(axis=1), level) for draw in draws]
     low, high = np.quantile(again, [0.025, 0.975])
     quantity = f"SNR at {level:.0%} found, dB".replace("%", " %")
     return StudyRow(case, quantity, known, ours, float(low), float(high))
 
 
-def detection_snr_db(
-    grid_db: FloatArray, share: FloatArray, level: float = 0.5
-) -> float:
+def detection_snr_db(grid_db: FloatArray, share: FloatArray, level: float = 0.5) -> float:
     """Interpolate the SNR at which a share is detected; the ends if it is outside.
 
     Examples

@@ -23,13 +23,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from studies.line_scene import (
-    ALPHA,
-    N_FRAMES,
-    LineScene,
-    SceneRule,
-    simulate_scene,
-)
+from studies.line_scene import ALPHA, N_FRAMES, LineScene, SceneRule, simulate_scene
 from studies.rows import mean_row
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.peaks import Families, Peaks
@@ -46,11 +40,7 @@ from uwtrack_cli.lines.tracker_options import (
     TrackerOptions,
 )
 from uwtrack_cli.lines.tracking.frame_peaks import split_frames
-from uwtrack_cli.lines.tracking.track_store import (
-    CONFIRMED,
-    TENTATIVE,
-    TrackStore,
-)
+from uwtrack_cli.lines.tracking.track_store import CONFIRMED, TENTATIVE, TrackStore
 from uwtrack_cli.lines.tracking.tracker import LineTracker
 
 MATCH_HZ, MATCH_DEG, MISSED_HZ = 3.0, 8.0, 3.0
@@ -172,9 +162,7 @@ def _match(
 ) -> tuple[IntArray, IntArray]:
     """Match confirmed lines to true ones, nearest first, one to one."""
     off = np.abs(store.frequency_hz[slots][:, None] - scene.frequency_hz[frame])
-    turn = np.abs(
-        wrap_deg(store.bearing_deg[slots][:, None] - scene.bearing_deg[frame])
-    )
+    turn = np.abs(wrap_deg(store.bearing_deg[slots][:, None] - scene.bearing_deg[frame]))
     near = np.where((off < MATCH_HZ) & (turn < MATCH_DEG), off, np.inf)
     track, line = [], []
     while np.isfinite(near).any():
@@ -295,9 +283,7 @@ _FEWEST_RUNS = 2
 _SEED_STEP = 1_000_003
 
 
-def tracking_rows(
-    cases: list[dict[str, Any]], runs: int, seed: int
-) -> Iterator[StudyRow]:
+def tracking_rows(cases: list[dict[str, Any]], runs: int, seed: int) -> Iterator[StudyRow]:
     """Run the trackers over all scenes of the reference.
 
     ``cases``: scenes with their settings and known figures. ``runs``: runs of a scene;
@@ -309,9 +295,8 @@ def tracking_rows(
         count = max(round(case["share_of_runs"] * runs), _FEWEST_RUNS)
         for setting, known in case["settings"].items():
             table = np.array(
-                [astuple(_run(setting, rule, _SEED_STEP * seed + k))
-                 for k in range(count)]
-            )  # fmt: skip
+                [astuple(_run(setting, rule, _SEED_STEP * seed + k)) for k in range(count)]
+            )
             for name, value in known.items():
                 yield from mean_row(
                     f"{case['section']} {case['case']}, {setting}",

@@ -47,11 +47,4 @@ def study_lines(*, runs: int = 6, seed: int = 1) -> Study:
         *frequency_rows(reference, runs, seed),
         *sound_rows(reference, runs, seed),
     ]
-    return Study(
-        "lines",
-        reference["source"],
-        runs,
-        seed,
-        tuple(rows),
-        (LAX_REMARK, SCORE_REMARK),
-    )
+    return Study("lines", reference["source"], runs, seed, tuple(rows), (LAX_REMARK, SCORE_REMARK))

@@ -14,26 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from studies.annealing import (
-    AnnealingPolicy,
-    annealing_search,
-)
-from studies.genetic import (
-    GeneticPolicy,
-    genetic_search,
-)
-from studies.rows import (
-    exact_row,
-    load_reference,
-    mean_row,
-    median_row,
-    share_row,
-)
-from studies.simplex import (
-    Minima,
-    nelder_mead,
-    simplex_about,
-)
+from studies.annealing import AnnealingPolicy, annealing_search
+from studies.genetic import GeneticPolicy, genetic_search
+from studies.rows import exact_row, load_reference, mean_row, median_row, share_row
+from studies.simplex import Minima, nelder_mead, simplex_about
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.study import Study, StudyRow
 
@@ -68,9 +52,7 @@ def paper_function(points: FloatArray, member: IntArray | None = None) -> FloatA
     return sum_of_blocks(*(points[:, [i, i + 1]] for i in (0, 2, 4)))
 
 
-def sum_of_blocks(
-    first: FloatArray, second: FloatArray, third: FloatArray
-) -> FloatArray:
+def sum_of_blocks(first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
     """Add the three blocks of two parameters each."""
     return block_1(first) + block_2(second) + block_3(third)
 
@@ -115,9 +97,8 @@ def find_minima(number: int) -> FloatArray:
     starts = grid[1:-1, 1:-1][lowest]
     step = np.full(2, axis[1] - axis[0])
     ends = nelder_mead(
-        lambda points, _: block(points), simplex_about(starts, step, 1.0),
-        tolerance=1e-16,
-    ).point  # fmt: skip
+        lambda points, _: block(points), simplex_about(starts, step, 1.0), tolerance=1e-16
+    ).point
     inside = np.all(np.abs(ends) < HALF_WIDTH, axis=1)
     return np.asarray(np.unique(np.round(ends[inside], 4) + 0.0, axis=0))
 
@@ -140,9 +121,7 @@ def hybrid(search: str, runs: int, seed: int, share: float, counts: int = 1) -> 
         breeding = GeneticPolicy(generations=50 * counts)
         found = genetic_search(paper_function, BOX, runs, rng, policy=breeding)
     else:
-        cooling = AnnealingPolicy(
-            temperatures=50 * counts, cooling=float(0.85 ** (1.0 / counts))
-        )
+        cooling = AnnealingPolicy(temperatures=50 * counts, cooling=float(0.85 ** (1.0 / counts)))
         found = annealing_search(paper_function, BOX, runs, rng, policy=cooling)
     width = np.full(6, 2.0 * HALF_WIDTH)
     end = nelder_mead(paper_function, simplex_about(found.point, width, share))
@@ -166,26 +145,18 @@ def study_optimisers(*, runs: int = 10_000, seed: int = 1) -> Study:
     rows += _method_rows("simplex, random vertices", reference["simplex"], found)
     for name, published in reference["hybrids"].items():
         search, counts, share = name.split()
-        end = hybrid(
-            search, max(runs // 10, 4), seed, float(share) / 100.0, int(counts)
-        )
+        end = hybrid(search, max(runs // 10, 4), seed, float(share) / 100.0, int(counts))
         words = f"{search} x{counts} + simplex {share} %"
         rows += _method_rows(words, published, end)
     for peer, published in reference["peers"].items():
         rows += _method_rows(peer, published, _peer(peer, max(runs // 2000, 2), seed))
-    return Study(
-        "optimisers", reference["source"], runs, seed, tuple(rows), (REMARK, COUNTS)
-    )
+    return Study("optimisers", reference["source"], runs, seed, tuple(rows), (REMARK, COUNTS))
 
 
-def _method_rows(
-    case: str, published: dict[str, Any], found: Minima
-) -> Iterator[StudyRow]:
+def _method_rows(case: str, published: dict[str, Any], found: Minima) -> Iterator[StudyRow]:
     yield share_row(case, "success", published["success"], found.value < REACHED)
     yield median_row(case, "median value", published["median"], found.value)
-    yield from mean_row(
-        case, "evaluations", published["evaluations"], 1.0 * found.evaluations
-    )
+    yield from mean_row(case, "evaluations", published["evaluations"], 1.0 * found.evaluations)
 
 
 def _peer(peer: str, runs: int, seed: int) -> Minima:

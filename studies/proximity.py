@@ -20,11 +20,7 @@ from uwtrack_cli.acoustics.geometry import compass_unit
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.study import Study, StudyRow
-from uwtrack_cli.motion.fusion.motion_fit import (
-    Approaches,
-    fit_motion,
-    speed_from_two,
-)
+from uwtrack_cli.motion.fusion.motion_fit import Approaches, fit_motion, speed_from_two
 
 COURSE_DEG, RANGE_M, ALONG_M = 80.0, 200.0, (771.7, 1543.3)
 RANGE_SHARE, DISC_M, BEARING_DEG, TIME_S = 0.20, 25.0, 3.0, 5.0
@@ -113,9 +109,7 @@ def _draw(speed_mps: float, runs: int, rng: np.random.Generator) -> _Draw:
 class _Track:
     """A predicted straight motion: position at any time, for all runs."""
 
-    def __init__(
-        self, start: FloatArray, velocity: FloatArray, time_s: FloatArray
-    ) -> None:
+    def __init__(self, start: FloatArray, velocity: FloatArray, time_s: FloatArray) -> None:
         self.start, self.velocity, self.time_s = start, velocity, time_s
 
     def __call__(self, time_s: float) -> FloatArray:
@@ -137,9 +131,7 @@ class _Mean:
         if self.kind == "range":
             square = square + (time_s - self.draw.time_s) ** 2
         share = (square[:, 1] / square.sum(axis=1))[:, None]
-        mean: FloatArray = share * self.tracks[0](time_s) + (1 - share) * self.tracks[
-            1
-        ](time_s)
+        mean: FloatArray = share * self.tracks[0](time_s) + (1 - share) * self.tracks[1](time_s)
         return mean
 
 
@@ -179,9 +171,7 @@ def _chord(draw: _Draw, speed: FloatArray, miss: FloatArray) -> list[_Track]:
     nearest = draw.sensor + speed[:, None, None] * miss
     step = nearest[:, 1] - nearest[:, 0]
     unit = step / np.hypot(step[:, 0], step[:, 1])[:, None]
-    return [
-        _Track(nearest[:, k], speed[:, None] * unit, draw.time_s[:, k]) for k in (0, 1)
-    ]
+    return [_Track(nearest[:, k], speed[:, None] * unit, draw.time_s[:, k]) for k in (0, 1)]
 
 
 def _printed_speed(draw: _Draw, miss: FloatArray) -> FloatArray:
@@ -198,12 +188,7 @@ def _least_squares(draw: _Draw, start: _Track) -> _Track:
     """Fit time, width and bearing of both sensors by weighted least squares."""
     width = RANGE_M / draw.speed_mps
     variance = np.array(
-        [
-            TIME_S**2 / 3,
-            (RANGE_SHARE * width) ** 2 / 3,
-            np.nan,
-            np.deg2rad(BEARING_DEG) ** 2 / 3,
-        ]
+        [TIME_S**2 / 3, (RANGE_SHARE * width) ** 2 / 3, np.nan, np.deg2rad(BEARING_DEG) ** 2 / 3]
     )
     runs = draw.time_s.shape[0]
     unknown = np.full((runs, 2), np.nan)
@@ -224,11 +209,7 @@ def _least_squares(draw: _Draw, start: _Track) -> _Track:
 
 
 def _row(
-    case: str,
-    name: str,
-    known: float | None,
-    position: FloatArray,
-    truth: FloatArray,
+    case: str, name: str, known: float | None, position: FloatArray, truth: FloatArray
 ) -> list[StudyRow]:
     square = ((position - truth) ** 2).sum(axis=-1)
     return root_row(case, f"{name}, position (m)", known, square)

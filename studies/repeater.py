@@ -85,9 +85,7 @@ class RepeaterRuns:
     """The same of the repeater; nan before the separation."""
 
 
-def simulate_repeater(
-    rng: np.random.Generator, scene: RepeaterScene, runs: int
-) -> RepeaterRuns:
+def simulate_repeater(rng: np.random.Generator, scene: RepeaterScene, runs: int) -> RepeaterRuns:
     """Draw the measurements of a number of runs.
 
     ``runs``: number of runs, from 1.
@@ -101,14 +99,11 @@ def simulate_repeater(
     own, own_rate = _path(clock, _OBSERVER_MPS, lead, 22.5 * turn, 0.9, 0.0 * left)
     time_s = np.arange(scene.interval_s, _END_S + 1e-9, scene.interval_s)
     at = np.round(time_s / _STEP_S).astype(np.int64)
-    deviation = np.array(
-        [scene.range_std_m, scene.bearing_std_deg, scene.range_rate_std_mps]
-    )
+    deviation = np.array([scene.range_std_m, scene.bearing_std_deg, scene.range_rate_std_mps])
     size = (time_s.size, runs)
     off, off_rate = _wander(rng, scene.acceleration_mps2, clock, runs)
     seen = _measure(
-        (source - own)[at][:, None] + off[at],
-        (source_rate - own_rate)[at][:, None] + off_rate[at],
+        (source - own)[at][:, None] + off[at], (source_rate - own_rate)[at][:, None] + off_rate[at]
     )
     after = np.maximum(time_s - _SPLIT_S, 0.0)
     walk = np.diff(np.concatenate([[0.0], after]))

@@ -35,9 +35,7 @@ TAIL = 0.025
 """Probability on either side of an interval."""
 
 
-def mean_row(
-    case: str, quantity: str, known: float | None, values: FloatArray
-) -> list[StudyRow]:
+def mean_row(case: str, quantity: str, known: float | None, values: FloatArray) -> list[StudyRow]:
     """Return the row of a mean over runs; none when no run has a value."""
     from scipy.special import stdtrit
 
@@ -54,12 +52,7 @@ def mean_row(
 
 
 def share_row(
-    case: str,
-    quantity: str,
-    known: float | None,
-    is_hit: BoolArray,
-    *,
-    percent: bool = False,
+    case: str, quantity: str, known: float | None, is_hit: BoolArray, *, percent: bool = False
 ) -> StudyRow:
     """Return the row of a share of independent runs, in percent if wanted."""
     from scipy.special import betaincinv
@@ -71,9 +64,7 @@ def share_row(
     return StudyRow(case, quantity, known, unit * hits / n, unit * low, unit * high)
 
 
-def median_row(
-    case: str, quantity: str, known: float | None, values: FloatArray
-) -> StudyRow:
+def median_row(case: str, quantity: str, known: float | None, values: FloatArray) -> StudyRow:
     """Return the row of a median over runs, with the ranks' interval."""
     from scipy.stats import binom
 
@@ -93,9 +84,7 @@ def rate_row(
 
     low = float(gammaincinv(count, TAIL)) if count else 0.0
     high = float(gammaincinv(count + 1, 1.0 - TAIL))
-    return StudyRow(
-        case, quantity, known, count / exposure, low / exposure, high / exposure
-    )
+    return StudyRow(case, quantity, known, count / exposure, low / exposure, high / exposure)
 
 
 def exact_row(case: str, quantity: str, known: float | None, value: float) -> StudyRow:
@@ -111,9 +100,7 @@ def error_row(
     return StudyRow(case, quantity, known, value, value - half, value + half)
 
 
-def root_row(
-    case: str, quantity: str, known: float | None, squares: FloatArray
-) -> list[StudyRow]:
+def root_row(case: str, quantity: str, known: float | None, squares: FloatArray) -> list[StudyRow]:
     """Return the row of a root mean square over trials; none without a value."""
     return [
         StudyRow(

@@ -13,11 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.clutter_scans import (
-    ClutterScene,
-    constant_velocity_truth,
-    simulate_scan,
-)
+from studies.clutter_scans import ClutterScene, constant_velocity_truth, simulate_scan
 from studies.repeater import RepeaterScene, simulate_repeater
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.base import FloatArray
@@ -54,8 +50,7 @@ def _bearings(rng: np.random.Generator) -> dict[str, str]:
     seen_deg = np.degrees(np.arctan2(*apart.T)) + rng.standard_normal(time_s.size)
     heard_hz = 650.0 * (1.0 - opening / 1480.0)
     heard_hz += 0.25 * rng.standard_normal(time_s.size)
-    heads = ("time_s", "bearing_deg", "bearing_std_deg", "frequency_hz",
-             "frequency_std_hz")  # fmt: skip
+    heads = ("time_s", "bearing_deg", "bearing_std_deg", "frequency_hz", "frequency_std_hz")
     rows = zip(time_s, seen_deg % 360.0, np.ones_like(time_s), heard_hz,
                np.full_like(time_s, 0.25), strict=True)  # fmt: skip
     ship = [*legs, (6000.0, 5.0, 300.0)]
@@ -94,9 +89,7 @@ def _scans(rng: np.random.Generator) -> dict[str, str]:
         scan = simulate_scan(rng, state[:, ::2], scene)
         rows += [
             (k + 1, k + 1.0, *place, amplitude, 5**0.5, 5**0.5)
-            for place, amplitude in zip(
-                scan.measured[0], scan.amplitude[0], strict=True
-            )
+            for place, amplitude in zip(scan.measured[0], scan.amplitude[0], strict=True)
             if np.isfinite(amplitude)
         ]
     heads = ("scan", "time_s", "z_1 [m]", "z_2 [m]", "amplitude", "std_1", "std_2")

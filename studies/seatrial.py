@@ -91,9 +91,7 @@ def trial_scenario(case: dict[str, Any], seed: int) -> Scenario:
         "seed": seed,
         "duration_s": DURATION_S,
         "sample_rate_hz": RATE_HZ,
-        "sensor": [
-            {"id": "h1", "kind": "difar", "depth_m": DEPTH_M, "full_scale_db": 170.0}
-        ],
+        "sensor": [{"id": "h1", "kind": "difar", "depth_m": DEPTH_M, "full_scale_db": 170.0}],
         "vessel": [vessel],
         "noise": {"density_db": 70.0, "slope_db_per_decade": 0.0},
     }

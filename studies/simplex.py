@@ -35,17 +35,13 @@ class Minima:
     """Evaluations spent, shape (problems,)."""
 
 
-def simplex_about(
-    point: FloatArray, spans: FloatArray, share: float = 0.05
-) -> FloatArray:
+def simplex_about(point: FloatArray, spans: FloatArray, share: float = 0.05) -> FloatArray:
     """Build simplices from points (problem, parameter) and a share of the spans."""
     steps = np.vstack([np.zeros_like(spans), share * np.diag(spans)])
     return point[:, np.newaxis] + steps
 
 
-def nelder_mead(
-    objective: Objective, simplex: FloatArray, *, tolerance: float = 1e-10
-) -> Minima:
+def nelder_mead(objective: Objective, simplex: FloatArray, *, tolerance: float = 1e-10) -> Minima:
     """Descend with one simplex (problem, vertex, parameter) per problem.
 
     A simplex rests at a relative spread of the values at its vertices; also when it has
@@ -77,11 +73,7 @@ class _Walk:
     """The simplices, ordered by value, and one step of those that still move."""
 
     def __init__(
-        self,
-        objective: Objective,
-        simplex: FloatArray,
-        value: FloatArray,
-        evaluations: IntArray,
+        self, objective: Objective, simplex: FloatArray, value: FloatArray, evaluations: IntArray
     ) -> None:
         self.objective = objective
         self.simplex, self.value, self.evaluations = simplex, value, evaluations
@@ -115,19 +107,13 @@ class _Walk:
         self.replace_worst(rows, reflected, value, value < worst)
         winning = value < best
         if winning.any():
-            self._expand(
-                rows[winning], centroid[winning], reflected[winning], best[winning]
-            )
+            self._expand(rows[winning], centroid[winning], reflected[winning], best[winning])
         failing = value >= second
         if failing.any():
             self._contract(rows[failing], centroid[failing])
 
     def _expand(
-        self,
-        rows: IntArray,
-        centroid: FloatArray,
-        reflected: FloatArray,
-        best: FloatArray,
+        self, rows: IntArray, centroid: FloatArray, reflected: FloatArray, best: FloatArray
     ) -> None:
         expanded = (1.0 - EXPANSION) * centroid + EXPANSION * reflected
         value = self.evaluate(expanded, rows)

@@ -12,19 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from studies.hybrid import (
-    Box,
-    Global,
-    PenalisedMisfit,
-    hybrid_search,
-    to_solver,
-)
-from studies.tma_scenarios import (
-    REST_HZ,
-    TmaScenario,
-    make_problem,
-    make_scenario,
-)
+from studies.hybrid import Box, Global, PenalisedMisfit, hybrid_search, to_solver
+from studies.tma_scenarios import REST_HZ, TmaScenario, make_problem, make_scenario
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_rad
@@ -137,9 +126,7 @@ def accuracy(name: str, noise: float, rows: int, runs: int, seed: int) -> Accura
 def _squared_sigmas(problem: Problem, q: FloatArray, errors: FloatArray) -> FloatArray:
     found = [information(problem.record(i), row) for i, row in enumerate(q)]
     back = [np.linalg.solve(one.turn, e) for one, e in zip(found, errors, strict=True)]
-    return np.array([
-        e @ one.bread @ e for one, e in zip(found, back, strict=True)
-    ])  # fmt: skip
+    return np.array([e @ one.bread @ e for one, e in zip(found, back, strict=True)])
 
 
 def follow(name: str, noise: float, runs: int, seed: int) -> tuple[IntArray, BoolArray]:
@@ -197,9 +184,7 @@ class SingleShots(NamedTuple):
     """Mean number of evaluations."""
 
 
-def single_shots(
-    name: str, noise: float, runs: int, seed: int, search: Global
-) -> SingleShots:
+def single_shots(name: str, noise: float, runs: int, seed: int, search: Global) -> SingleShots:
     """Invert whole records once by a hybrid."""
     scenario = make_scenario(name)
     problem = make_problem(scenario, noise=noise, runs=runs, seed=seed)
@@ -208,15 +193,11 @@ def single_shots(
     found = hybrid_search(problem, PAPER_BOX, runs, rng, search=search)
     errors = motion_errors(to_solver(found.point), scenario)
     return SingleShots(
-        succeeded(errors),
-        np.asarray(found.value - best < 1e-3),
-        float(found.evaluations.mean()),
+        succeeded(errors), np.asarray(found.value - best < 1e-3), float(found.evaluations.mean())
     )
 
 
-def with_feedback(
-    name: str, noise: float, runs: int, seed: int, search: Global
-) -> BoolArray:
+def with_feedback(name: str, noise: float, runs: int, seed: int, search: Global) -> BoolArray:
     """Invert ten growing records by a hybrid, each fed with the solution before."""
     scenario = make_scenario(name)
     problem = make_problem(scenario, noise=noise, runs=runs, seed=seed)
@@ -224,9 +205,7 @@ def with_feedback(
     feedback: FloatArray | None = None
     for end in range(100, 1001, 100):
         part = problem.rows(slice(0, end))
-        feedback = hybrid_search(
-            part, PAPER_BOX, runs, rng, search=search, feedback=feedback
-        ).point
+        feedback = hybrid_search(part, PAPER_BOX, runs, rng, search=search, feedback=feedback).point
     points = np.empty((runs, 5)) if feedback is None else feedback
     return succeeded(motion_errors(to_solver(points), scenario))
 

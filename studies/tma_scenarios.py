@@ -68,9 +68,7 @@ class TmaScenario:
         away, up = away - self.own_east_m, up - self.own_north_m
         distance = np.hypot(away, up)
         shift = np.diff(distance) / (STEP_S * SOUND_SPEED_MPS)
-        return TrueSeries(
-            np.arctan2(away, up)[1:], distance[1:], REST_HZ * (1.0 - shift)
-        )
+        return TrueSeries(np.arctan2(away, up)[1:], distance[1:], REST_HZ * (1.0 - shift))
 
     def solution(self) -> FloatArray:
         """Return the truth in solver coordinates (ln R, bearing, vx, vy)."""
@@ -99,9 +97,7 @@ def make_scenario(name: str) -> TmaScenario:
     own_east = np.concatenate([[-east[0], 0.0], np.cumsum(east[:-1])])
     own_north = np.concatenate([[-north[0], 0.0], np.cumsum(north[:-1])])
     course_deg, bearing_deg = TARGETS[name]
-    return TmaScenario(
-        name, own_east, own_north, 20_000.0, bearing_deg, 8.0 * KNOT_MPS, course_deg
-    )
+    return TmaScenario(name, own_east, own_north, 20_000.0, bearing_deg, 8.0 * KNOT_MPS, course_deg)
 
 
 def _own_ship(name: str) -> tuple[FloatArray, FloatArray]:
@@ -116,9 +112,7 @@ def _own_ship(name: str) -> tuple[FloatArray, FloatArray]:
     return np.full(COUNT, 6.0), np.full(COUNT, 90.0)
 
 
-def make_problem(
-    scenario: TmaScenario, *, noise: float, runs: int = 1, seed: int = 0
-) -> Problem:
+def make_problem(scenario: TmaScenario, *, noise: float, runs: int = 1, seed: int = 0) -> Problem:
     """Draw noisy measurements of a scenario.
 
     ``noise``: multiple of the deviations 1 degree and 0.25 Hz; 1 or 5 in the paper.

@@ -21,14 +21,7 @@ from typing import Any
 import numpy as np
 
 from studies.hybrid import Global, hybrid_search
-from studies.rows import (
-    exact_row,
-    load_reference,
-    mean_row,
-    median_row,
-    normal_root_row,
-    share_row,
-)
+from studies.rows import exact_row, load_reference, mean_row, median_row, normal_root_row, share_row
 from studies.tma_runs import (
     PAPER,
     PAPER_BOX,
@@ -46,12 +39,7 @@ from studies.tma_runs import (
     succeeded,
     with_feedback,
 )
-from studies.tma_scenarios import (
-    REST_HZ,
-    TARGETS,
-    make_problem,
-    make_scenario,
-)
+from studies.tma_scenarios import REST_HZ, TARGETS, make_problem, make_scenario
 from uwtrack_cli.data.base import BoolArray
 from uwtrack_cli.data.study import Study, StudyRow
 from uwtrack_cli.motion.target_motion.observability import information
@@ -102,9 +90,7 @@ def study_tma(*, runs: int = 1000, seed: int = 1) -> Study:
 
 
 def _find(table: list[dict[str, Any]], **wanted: Any) -> dict[str, Any]:
-    fitting = (
-        row for row in table if all(row.get(key) == v for key, v in wanted.items())
-    )
+    fitting = (row for row in table if all(row.get(key) == v for key, v in wanted.items()))
     return next(fitting, {})
 
 
@@ -135,9 +121,7 @@ def _length_rows(
 ) -> Iterator[StudyRow]:
     case = f"{name}, {noise} sigma"
     ends, met = follow(name, noise, runs, seed)
-    published = _find(
-        reference["sequential"], case=name, noise=noise, method="seq. MLE"
-    )
+    published = _find(reference["sequential"], case=name, noise=noise, method="seq. MLE")
     reached = rows_until(ends, met)
     low, high = (rows_until(ends, met, share) for share in (0.8, 0.97))
     quantity = "rows until 90 % of runs meet the criterion for good"
@@ -164,9 +148,9 @@ def _hybrid_rows(
         yield share_row(case, quantity, published[key][1], reached)
         yield exact_row(case, f"{words}: evaluations", None, spent)
         if search != "none":
-            theirs = _find(
-                reference["sequential"], case=name, noise=noise, method=method
-            )["success"]
+            theirs = _find(reference["sequential"], case=name, noise=noise, method=method)[
+                "success"
+            ]
             met = with_feedback(name, noise, max(runs // 5, 2), seed, search)
             yield share_row(case, f"{words}: success with feedback", theirs, met)
 
@@ -186,8 +170,7 @@ def _peer_rows(
     for search in SEARCHES:
         rng = np.random.default_rng(seed)
         spent = [
-            cpu_of(partial(hybrid_search, r, PAPER_BOX, 1, rng, search=search))
-            for r in records
+            cpu_of(partial(hybrid_search, r, PAPER_BOX, 1, rng, search=search)) for r in records
         ]
         yield from mean_row(case, f"{search} + simplex: CPU, s", None, np.array(spent))
     for peer in ("differential_evolution", "dual_annealing"):
@@ -202,9 +185,7 @@ def _peer_rows(
         yield from mean_row(case, f"{words}: CPU, s", None, np.array(spent))
 
 
-def _outlier_rows(
-    reference: dict[str, Any], runs: int, seed: int
-) -> Iterator[StudyRow]:
+def _outlier_rows(reference: dict[str, Any], runs: int, seed: int) -> Iterator[StudyRow]:
     """Fit records of which a tenth are outliers, from many starts."""
     for name, published in reference["outliers"].items():
         for loss in LOSSES:
@@ -246,8 +227,7 @@ def robust_fits(
     problem = plain if clean else with_outliers(plain, seed + 1)
     problem = replace(problem, loss=loss)
     found = [
-        multistart(problem.record(i), WIDE, counts=StartCounts(12, 2)).q[0]
-        for i in range(runs)
+        multistart(problem.record(i), WIDE, counts=StartCounts(12, 2)).q[0] for i in range(runs)
     ]
     errors = motion_errors(np.stack(found), scenario)
     rms = np.sqrt(np.mean(errors[:, 0] ** 2))

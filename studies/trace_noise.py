@@ -61,9 +61,7 @@ class _BestScores(PathTracer):
         used = total.size // width * width
         self.best.append(total[:used].reshape(-1, width).max(axis=1))
         search = PathSearch([], total, moves, scores)
-        self.surrogates.append(
-            surrogate_scores(search, data.cells_per_bin, int(data.frame[0]))
-        )
+        self.surrogates.append(surrogate_scores(search, data.cells_per_bin, int(data.frame[0])))
         return LinePoints.join([])
 
 
@@ -113,9 +111,7 @@ def main() -> None:
     """Measure all tails of the table and print them as they come."""
     for overlap, padding in product((0.5, 0.75), (2, 1)):
         for n_frames in LENGTHS:
-            tail = measure_tail(
-                overlap, padding, n_frames, hours=HOURS, seed=100 + n_frames
-            )
+            tail = measure_tail(overlap, padding, n_frames, hours=HOURS, seed=100 + n_frames)
             row = {"overlap": overlap, "padding": padding, "frames": n_frames}
             row |= {"offset": round(tail[0], 2), "slope": round(tail[1], 3)}
             row |= {"surrogate": round(tail[2], 2)}

@@ -34,9 +34,7 @@ def write_program(folder: Path, program: Path, root: Path) -> Path:
     path = folder / "bin" / "uwtrack"
     path.parent.mkdir()
     path.write_text(
-        PROGRAM.format(
-            python=sys.executable, root=str(root), program=str(program), kept=str(kept)
-        )
+        PROGRAM.format(python=sys.executable, root=str(root), program=str(program), kept=str(kept))
     )
     path.chmod(0o755)
     return path.parent
@@ -65,9 +63,7 @@ def _digest(words: list[str]) -> str:
     for word in words:
         path = Path(word)
         if path.is_file() or path.is_dir():
-            near = (
-                path.iterdir() if path.is_dir() else path.parent.glob(f"{path.stem}*")
-            )
+            near = path.iterdir() if path.is_dir() else path.parent.glob(f"{path.stem}*")
             for each in sorted({path, *near}):
                 if each.is_file() and (each == path or each.suffix != ".h5"):
                     found.update(f"{each} {each.stat().st_size}".encode())

@@ -75,6 +75,4 @@ def cells_of(ax):
     if ax.get_yscale() == "log":
         (low, high), space = ax.get_ylim(), np.geomspace
     rows, columns = levels.shape
-    return (
-        np.linspace(left, right, columns + 1), space(low, high, rows + 1), levels
-    )  # fmt: skip
+    return (np.linspace(left, right, columns + 1), space(low, high, rows + 1), levels)

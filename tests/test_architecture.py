@@ -63,9 +63,7 @@ def test_no_folders_import_each_other_in_a_circle():
     for name, used in graph().items():
         own = name.rpartition(".")[0]
         for other in {used_name.rpartition(".")[0] for used_name in used}:
-            is_within = f"{own}.".startswith(f"{other}.") or f"{other}.".startswith(
-                f"{own}."
-            )
+            is_within = f"{own}.".startswith(f"{other}.") or f"{other}.".startswith(f"{own}.")
             if own and other and not is_within:
                 joins[own].add(other)
     assert circle(joins) == []
@@ -75,15 +73,11 @@ def listed() -> set[str]:
     """Return the modules that a list of the program names: stages, commands, names."""
     text = "".join(
         (PACKAGE / place).read_text(encoding="utf-8")
-        for place in (
-            "__init__.py", "flow/catalogue.py", "cli/app.py", "files/hdf5/layout.py",
-        )
-    )  # fmt: skip
+        for place in ("__init__.py", "flow/catalogue.py", "cli/app.py", "files/hdf5/layout.py")
+    )
     strings = re.findall(r'"([a-z0-9_.]+)(?::\w+)?"', text)
     rooms = ("", "cli.", "data.")
-    return {
-        f"{room}{s.removeprefix('uwtrack_cli.')}" for s in strings for room in rooms
-    }
+    return {f"{room}{s.removeprefix('uwtrack_cli.')}" for s in strings for room in rooms}
 
 
 def test_few_modules_have_one_user():

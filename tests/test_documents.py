@@ -60,9 +60,7 @@ def test_the_site_builds_without_a_warning_and_every_link_arrives():
             parts = urlsplit(link)
             if parts.scheme or parts.netloc:
                 continue
-            target = (
-                (path.parent / unquote(parts.path)).resolve() if parts.path else path
-            )
+            target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
             assert target.exists(), f"{path.name}: {link}"
             if parts.fragment and target in names:
                 assert unquote(parts.fragment) in names[target], f"{path.name}: {link}"
@@ -182,10 +180,7 @@ def test_every_other_command_line_names_commands_and_options_that_exist():
     for page, line in lines:
         for words in re.findall(r"\buwtrack ([a-z][a-z-]*)([^`|;&#]*)", line):
             if words[0] not in COMMANDS:
-                assert "`" not in line.split("uwtrack " + words[0])[0][-2:], (
-                    page,
-                    line,
-                )
+                assert "`" not in line.split("uwtrack " + words[0])[0][-2:], (page, line)
                 continue
             params = load_command(words[0]).params
             known = {flag for p in params for flag in (*p.opts, *p.secondary_opts)}

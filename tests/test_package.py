@@ -13,18 +13,13 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).parent.parent
-SHIPPED = (
-    "pipelines/vessel.toml",
-    "sample_data/pass.scenario.toml",
-    "sample_data/README.md",
-)
+SHIPPED = ("pipelines/vessel.toml", "sample_data/pass.scenario.toml", "sample_data/README.md")
 
 
 def run(words, **options):
     done = subprocess.run(
-        [str(word) for word in words], capture_output=True, text=True, check=False,
-        **options,
-    )  # fmt: skip
+        [str(word) for word in words], capture_output=True, text=True, check=False, **options
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done
 
@@ -82,11 +77,7 @@ def demo(tmp_path, what):
         sys.executable, "-m", "pip", "--python", bin_folder / "python", "install",
         "--quiet", "--no-compile", *what,
     ])  # fmt: skip
-    environment = {
-        **os.environ,
-        "PYTHONPATH": "",
-        "PATH": f"{bin_folder}:/usr/bin:/bin",
-    }
+    environment = {**os.environ, "PYTHONPATH": "", "PATH": f"{bin_folder}:/usr/bin:/bin"}
     for words in (
         ["uwtrack", "sample", "pass"],
         ["uwtrack", "run", "pass.wav", "--stop-s", "20"],

@@ -10,9 +10,7 @@ README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8"
 MOST_LINES = 130
 
 
-def test_the_commands_run_in_an_empty_folder_and_print_what_it_says(
-    shared_program, tmp_path
-):
+def test_the_commands_run_in_an_empty_folder_and_print_what_it_says(shared_program, tmp_path):
     blocks = re.findall(r"^```sh\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
     folder = f"{shared_program}:{Path(sys.executable).parent}"
     done = subprocess.run(
@@ -39,9 +37,7 @@ def is_alike(row: list[str], other: list[str]) -> bool:
         unit = 10.0 ** -len(told.partition(".")[2])
         both = (told, printed)
         number = all(re.fullmatch(r"-?\d+(\.\d+)?", one) for one in both)
-        if told != printed and not (
-            number and abs(float(told) - float(printed)) < 1.5 * unit
-        ):
+        if told != printed and not (number and abs(float(told) - float(printed)) < 1.5 * unit):
             return False
     return True
 

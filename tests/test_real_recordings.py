@@ -13,7 +13,7 @@ FOLDER = Path(os.environ.get("UWTRACK_REAL_DATA", ""))
 pytestmark = [
     pytest.mark.skipif(
         not os.environ.get("UWTRACK_REAL_DATA"), reason="UWTRACK_REAL_DATA is not set"
-    ),
+    )
 ]
 
 
@@ -41,9 +41,7 @@ def test_electrical_hum_is_no_vessel(uwtrack):
 
 def test_a_ship_that_does_not_pass_gives_lines_and_no_encounter(uwtrack):
     assert encounters(uwtrack, FOLDER / "ships" / "kennicott_31.wav") == []
-    lines = json.loads(
-        uwtrack("show", "real.run.h5", "lines", "--format", "json").stdout
-    )
+    lines = json.loads(uwtrack("show", "real.run.h5", "lines", "--format", "json").stdout)
     assert lines
 
 

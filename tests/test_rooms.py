@@ -84,11 +84,7 @@ def test_imports_point_down():
 
 
 def test_libraries_stay_in_their_rooms():
-    used = {
-        (path, name.split(".")[0])
-        for path, names in imports().items()
-        for name in names
-    }
+    used = {(path, name.split(".")[0]) for path, names in imports().items() for name in names}
     wrong = [
         f"{path} imports {library}"
         for path, library in sorted(used)
@@ -125,15 +121,11 @@ def unexplained(record: ast.ClassDef) -> Iterator[str]:
     """Yield the fields of a record that nothing describes."""
     described = ast.get_docstring(record) or ""
     for field, after in zip(record.body, [*record.body[1:], None], strict=True):
-        if not (
-            isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
-        ):
+        if not (isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)):
             continue
         name = field.target.id
         value = "" if field.value is None else ast.unparse(field.value)
-        is_column = value.startswith(
-            ("column(", "deviation(", "scalar(")
-        )  # they carry a text
+        is_column = value.startswith(("column(", "deviation(", "scalar("))  # they carry a text
         is_constant = "ClassVar" in ast.unparse(field.annotation)
         has_text = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
         if not (is_column or is_constant or has_text or name in described):

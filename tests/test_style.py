@@ -16,7 +16,6 @@ ROOT = Path(__file__).parent.parent
 )
 def test_the_code_is_in_the_house_style(command):
     done = subprocess.run(
-        [sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True,
-        check=False,
-    )  # fmt: skip
+        [sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stdout + done.stderr

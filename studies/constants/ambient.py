@@ -56,9 +56,7 @@ def main(n_seeds: int = 3) -> None:
             found: list[list[float]] = [[], [], [], []]
             for seed in range(1, n_seeds + 1):
                 for k, share in enumerate((0.1, 0.5)):
-                    error, _ = ambient_pull(
-                        0.0, share=share, quiet_s=160.0, loud_s=64.0, seed=seed
-                    )
+                    error, _ = ambient_pull(0.0, share=share, quiet_s=160.0, loud_s=64.0, seed=seed)
                     found[k].append(abs(float(error.mean())))
                 found[2].append(own_tail(seed, 100.0))
                 found[3].append(own_tail(seed, 256.0))

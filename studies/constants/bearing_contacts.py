@@ -30,10 +30,7 @@ TURNS_DEG = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 SHARES = (2.0, 3.0, 4.0, 6.0, 10.0, 1e9)
 """What is tried."""
 
-NAMES = (
-    "SURE_DEVIATIONS", "ACCELERATION_DENSITY", "TURNING_DEG", "FEWEST_POINTS",
-    "HEARD_SHARE",
-)  # fmt: skip
+NAMES = ("SURE_DEVIATIONS", "ACCELERATION_DENSITY", "TURNING_DEG", "FEWEST_POINTS", "HEARD_SHARE")
 USUAL = {name: getattr(stage, name) for name in NAMES}
 """Constants as they are."""
 
@@ -115,11 +112,7 @@ def turning(limit_deg: float, count: int, seed: int) -> tuple[float, float, int]
     every = np.concatenate(off)
     if not every.size:
         return float("nan"), float("nan"), 0
-    return (
-        float(1.4826 * np.median(abs(every))),
-        float((abs(every) > 1.96).mean()),
-        every.size,
-    )
+    return (float(1.4826 * np.median(abs(every))), float((abs(every) > 1.96).mean()), every.size)
 
 
 def lifted(share: float, seed: int) -> tuple[float, list[float]]:

@@ -147,9 +147,8 @@ def bound(seed: int, draws: int) -> None:
                 quiet.append(known_level_evidence(empty, window_s, level_db))
                 fundamental, teeth = draw(rng, window_s)
                 full = spectrum(
-                    window_s, band_hz, seconds, seed + draws + k, fundamental * teeth,
-                    level_db,
-                )  # fmt: skip
+                    window_s, band_hz, seconds, seed + draws + k, fundamental * teeth, level_db
+                )
                 heard.append(known_level_evidence(full, window_s, level_db))
             tail = max(np.std(quiet) * np.sqrt(6.0) / np.pi, 1e-3)
             least = np.mean(quiet) + tail * (np.log(per_hour) - 0.5772)
@@ -157,15 +156,11 @@ def bound(seed: int, draws: int) -> None:
             write(f"| {window_s:g} | {seconds:g} | {level_db:g} | {share:.2f} |\n")
 
 
-def found(
-    made: Recording, window_s: float, search_s: float = 120.0, rate: float = 1.0
-) -> Lines:
+def found(made: Recording, window_s: float, search_s: float = 120.0, rate: float = 1.0) -> Lines:
     """Return what the stage finds."""
     band_hz = (5.0, 800.0) if window_s > 1.0 else (10.0, 1000.0)
     blocks = compute_spectrogram(made, window_s=window_s, band_hz=band_hz)
-    return Lines.join(
-        list(find_combs(blocks, search_s=search_s, false_combs_per_hour=rate))
-    )
+    return Lines.join(list(find_combs(blocks, search_s=search_s, false_combs_per_hour=rate)))
 
 
 def heard(seed: int, draws: int) -> None:
@@ -180,9 +175,7 @@ def heard(seed: int, draws: int) -> None:
                 rng = np.random.default_rng([seed, k])
                 fundamental, teeth = draw(rng, window_s)
                 tones = fundamental * teeth
-                made = sound(
-                    seconds + 0.5 * window_s, 1000.0, seed + k, tones, level_db
-                )
+                made = sound(seconds + 0.5 * window_s, 1000.0, seed + k, tones, level_db)
                 lines = found(made, window_s, seconds)
                 n_heard += bool(lines.families.family.size)
                 off = np.abs(lines.families.spacing_hz / fundamental - 1.0)

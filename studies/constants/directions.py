@@ -21,9 +21,7 @@ SQUARE = np.array([[0.5, 0.5, 0], [0.5, -0.5, 0], [-0.5, 0.5, 0], [-0.5, -0.5, 0
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / 8.0**0.5
 WIDE = np.array([[0, 0, 0], [34.09, 122.52, 0], [154.72, 22.47, 0], [77.36, 33.49, 0]])
 
-HOUSE = np.array(
-    [[0, 0, 0], [0.8, 0, 0.1], [0.1, 0.9, 0], [0, 0.2, 0.7], [0.6, 0.6, 0.5]]
-)
+HOUSE = np.array([[0, 0, 0], [0.8, 0, 0.1], [0.1, 0.9, 0], [0, 0.2, 0.7], [0.6, 0.6, 0.5]])
 RING = np.array([[np.cos(a), np.sin(a), 0] for a in 2.0 * np.pi * np.arange(6) / 6.0])
 
 SCENES = (
@@ -53,9 +51,7 @@ def heights(
     n = round(window_s * rate_hz)
     frequency_hz = np.fft.rfftfreq(n, 1.0 / rate_hz)
     inside = (frequency_hz >= band_hz[0]) & (frequency_hz <= band_hz[1])
-    searches = {
-        p: DirectionSearch(array, grid, frequency_hz[inside], p) for p in (0.1, 0.01)
-    }
+    searches = {p: DirectionSearch(array, grid, frequency_hz[inside], p) for p in (0.1, 0.01)}
     turns = Steering(frequency_hz[inside], array.lead_s(grid.toward))
     mixed = (1.0 - share) * np.eye(len(places)) + share * array.isotropic_coherence(
         frequency_hz[inside]
@@ -81,9 +77,7 @@ def main(n_frames: int = 8192, seed: int = 1) -> None:
         for share in (0.0, 0.5, 0.95):
             best, limits, n_bins = heights(*scene, share, n_frames, seed)
             rates = [rate(int((best > limits[p]).sum()), best.size, p) for p in limits]
-            law = gammaincc(
-                n_bins / BIN_CORRELATION, np.maximum(best, 0.0) / BIN_CORRELATION
-            )
+            law = gammaincc(n_bins / BIN_CORRELATION, np.maximum(best, 0.0) / BIN_CORRELATION)
             shares = (0.1, 0.3, 0.2, 0.02, 0.01)
             filled = [-np.log1p(-p) / np.quantile(law, p) for p in shares]
             over = [f"{one / filled[0]:.2f}" for one in filled[1:]]

@@ -17,13 +17,7 @@ import sys
 import numpy as np
 
 from tests.draws.fringe_rates import MACH
-from tests.draws.fringe_sounds import (
-    RATE_HZ,
-    SOUND_MPS,
-    fringes_of,
-    noisy,
-    scene,
-)
+from tests.draws.fringe_sounds import RATE_HZ, SOUND_MPS, fringes_of, noisy, scene
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.evidence.fringes import fringe_passages
 
@@ -49,9 +43,7 @@ def is_shown(seed: int) -> tuple[float, bool]:
     wave = 2.0 * np.pi * frequency / SOUND_MPS
     rough: FloatArray = np.exp(-2.0 * (wave * 0.25 * height_m * image_m / far) ** 2)
     vessel = 1.0 / near**2 + (source.image / far) ** 2
-    vessel = vessel - 2.0 * rough * source.image / near / far * np.cos(
-        wave * (far - near)
-    )
+    vessel = vessel - 2.0 * rough * source.image / near / far * np.cos(wave * (far - near))
     vessel *= (frequency / 1e3) ** (place.vessel_slope_db / 3.01)
     sea = (frequency / 1e3) ** (place.sea_slope_db / 3.01)
     nearest = int(np.argmin(flat))
@@ -68,9 +60,7 @@ def main(first: int, last: int) -> None:
     for seed in range(first, last):
         height_m, found = is_shown(seed)
         shown.append(found)
-        print(
-            f"{seed}: {height_m:.1f} m, {'shown' if found else 'not shown'}", flush=True
-        )
+        print(f"{seed}: {height_m:.1f} m, {'shown' if found else 'not shown'}", flush=True)
     share, count = np.mean(shown), len(shown)
     print(f"MOST_SHOWN {share:.2f} +- {np.sqrt(share * (1.0 - share) / count):.2f}")
 

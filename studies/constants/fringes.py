@@ -17,10 +17,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.passage.checks.sub_bands import RIVALS
-from uwtrack_cli.motion.passage.checks.surface_image import (
-    LEAST_GAIN,
-    likeliest_image,
-)
+from uwtrack_cli.motion.passage.checks.surface_image import LEAST_GAIN, likeliest_image
 
 EDGES_HZ = np.linspace(100.0, 900.0, 9)
 PARTS = np.array(list(pairwise(EDGES_HZ)))
@@ -70,9 +67,7 @@ def drawn(kind: str, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     elif kind == "noise":
         law = 0.0 * law
     elif kind == "drift":
-        law = np.repeat(
-            10 ** (4.0 * wander(rng, u, 2.0) / 10)[None], len(PARTS), axis=0
-        )
+        law = np.repeat(10 ** (4.0 * wander(rng, u, 2.0) / 10)[None], len(PARTS), axis=0)
     elif kind in RIVALS:
         shape = RIVALS[kind]((u - rng.normal(0.0, 0.3)) / rng.uniform(0.6, 1.6))
         law = np.repeat(shape[None], len(PARTS), axis=0)

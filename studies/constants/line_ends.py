@@ -83,9 +83,7 @@ def scores(scenes: Sequence[Scene]) -> list[float]:
 def main(n_seeds: int = 4, first: int = 40) -> None:
     """Print a table."""
     pairs = [(1.1, 6.0), (1.0, 6.0), (1.2, 6.0), (1.32, 6.0), (1.1, 3.0), (1.1, 10.0)]
-    print(
-        "| noise | gain | dB | ends, s | 90 % late, s | begins, s | cover | ids | false |"
-    )
+    print("| noise | gain | dB | ends, s | 90 % late, s | begins, s | cover | ids | false |")
     print("|---|---|---|---|---|---|---|---|---|")
     for level_db in LEVELS_DB:
         scenes = [scene(level_db, seed) for seed in range(first, first + n_seeds)]

@@ -21,12 +21,7 @@ from tests.support import recording_of
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.lines.track import track_lines
-from uwtrack_cli.lines.tracking import (
-    family_jumps,
-    line_continuation,
-    llr_score,
-    tracker,
-)
+from uwtrack_cli.lines.tracking import family_jumps, line_continuation, llr_score, tracker
 from uwtrack_cli.spectra.peaks import find_peaks
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
@@ -85,9 +80,7 @@ class Draws:
                 bursts(np.random.default_rng([seed, k, int(2 * level)]), level)
                 for k in range(n_runs)
             ]
-            self.bursts.append(
-                [(s, peaks_of(s, seed + 1000 * k)) for k, s in enumerate(scenes)]
-            )
+            self.bursts.append([(s, peaks_of(s, seed + 1000 * k)) for k, s in enumerate(scenes)])
         self.noise = [
             find_peaks(block, band_hz=BAND_HZ)
             for block in compute_spectrogram(noise_recording(seed, hours))
@@ -144,9 +137,7 @@ def main(n_runs: int, hours: float, seed: int) -> None:
     """Print both tables."""
     draws = Draws(n_runs, hours, seed)
     print(f"{'':32}" + "  ".join(f"{level:3g} dB" for level in LEVELS_DB))
-    for table, told, head in (
-        (STARTS, starts, ""), (COURSES, courses, "; ".join(WANTED))
-    ):  # fmt: skip
+    for table, told, head in ((STARTS, starts, ""), (COURSES, courses, "; ".join(WANTED))):
         print(head)
         for (module, name), values in table.items():
             usual = getattr(module, name)

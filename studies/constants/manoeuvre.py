@@ -81,9 +81,7 @@ def probabilities(
     problem = make_problem(make_scenario(name), noise=noise, runs=runs, seed=seed)
     problem = turned(problem, name, *change)
     fit = fit_from_truth(problem, make_scenario(name).solution())
-    found = [
-        find_legs(problem.record(k), fit.take([k]), BOUNDS, KNOWN) for k in range(runs)
-    ]
+    found = [find_legs(problem.record(k), fit.take([k]), BOUNDS, KNOWN) for k in range(runs)]
     return np.array([one.probability for one in found])
 
 
@@ -131,9 +129,7 @@ def main(runs: int, seed: int = 11, *, only_straight: bool = False) -> None:
                     flush=True,
                 )
     low, high = binomtest(false, straight).proportion_ci(method="exact")
-    print(
-        f"seed {seed}: false alterations {false} of {straight} ({low:.1%} to {high:.1%})"
-    )
+    print(f"seed {seed}: false alterations {false} of {straight} ({low:.1%} to {high:.1%})")
 
 
 if __name__ == "__main__":

@@ -68,9 +68,7 @@ def drawn(kind: str, rng: np.random.Generator) -> tuple[Lines, Scene]:
         course = size_of * drift(rng, time, memory_s)
         return np.asarray(np.interp(lines.time_s, time, course))
 
-    fading = np.concatenate(
-        [1.5 * drift(rng, time, rng.uniform(2.0, 20.0)) for _ in lines.line_id]
-    )
+    fading = np.concatenate([1.5 * drift(rng, time, rng.uniform(2.0, 20.0)) for _ in lines.line_id])
     order = np.argsort(np.argsort(lines.line, kind="stable"), kind="stable")
     level, frequency = fading[order] + 94.0, rest.copy()
     if kind == "vessel":
@@ -151,8 +149,7 @@ def main(count: int, seed: int) -> None:
             moving_lines.STEADIER = STEADIER
         above = [int(np.count_nonzero(np.array(gains) > h)) for h in HEIGHTS]
         words = [
-            f"{n} of {count}" if kind == "vessel" else f"{n / hours:.1f} an hour"
-            for n in above
+            f"{n} of {count}" if kind == "vessel" else f"{n / hours:.1f} an hour" for n in above
         ]
         out.write(f"| {kind} | " + " | ".join(words) + " |\n")
         out.flush()

@@ -56,10 +56,9 @@ def main(n_seeds: int, first: int) -> None:
     n_frames = n_seeds * N_LINES * 2.0 * SECONDS / WINDOW_S
     for stage in ("track", "trace"):
         for level_db in LEVELS_DB:
-            told = np.concatenate([
-                told_ratios(stage, level_db, seed)
-                for seed in range(first, first + n_seeds)
-            ])  # fmt: skip
+            told = np.concatenate(
+                [told_ratios(stage, level_db, seed) for seed in range(first, first + n_seeds)]
+            )
             true, mean = 10.0 ** (0.1 * level_db), float(told.mean())
             gain = (mean - np.log1p(mean)) - (true - np.log1p(true))
             print(

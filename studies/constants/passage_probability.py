@@ -38,11 +38,7 @@ from tests.draws.vehicle_sounds import SOUND_MPS, SPEEDS_MPS, recording_file
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.flow import zoom
 from uwtrack_cli.motion import alternatives, cpa
-from uwtrack_cli.motion.alternatives import (
-    Measured,
-    compressed,
-    value_of,
-)
+from uwtrack_cli.motion.alternatives import Measured, compressed, value_of
 from uwtrack_cli.motion.decision import (
     ALTERNATIVES,
     LEAST_PROBABILITY,
@@ -99,9 +95,7 @@ TRIED = (
 )  # fmt: skip
 """Every log evidence that is tried."""
 
-FIXED = (
-    alternatives.too_fast, alternatives.unusual_speed, alternatives.part_of_another,
-)  # fmt: skip
+FIXED = (alternatives.too_fast, alternatives.unusual_speed, alternatives.part_of_another)
 """Priors, which no exponent tempers."""
 
 N_ODDS, RIDGE, USUAL_EXPONENT = len(LOG_ODDS), 1.5, 0.15
@@ -133,9 +127,7 @@ Record = dict[str, Any]
 def drawn(kind: str, seed: int) -> Drawn:
     """Draw a recording of one kind in water."""
     if kind == "nothing":
-        return nothing_passes.draw(
-            nothing_passes.KINDS[seed % len(nothing_passes.KINDS)], seed
-        )
+        return nothing_passes.draw(nothing_passes.KINDS[seed % len(nothing_passes.KINDS)], seed)
     if kind in {"other", "other in air"}:
         rate, sound, _ = other_sounds.draw(seed)
         # a clip of what may be heard in air is as long as those of vehicles
@@ -148,9 +140,8 @@ def drawn(kind: str, seed: int) -> Drawn:
     while True:
         disturbances = None if seed % 2 or kind == "disturbed" else ()
         scenario = draw_scenario(
-            seed, n_vessels=1, kinds=disturbances, sample_rate_hz=RATE_HZ,
-            duration_s=SECONDS,
-        )  # fmt: skip
+            seed, n_vessels=1, kinds=disturbances, sample_rate_hz=RATE_HZ, duration_s=SECONDS
+        )
         least = bounds(scenario, 0)
         worst = max(least["speed"], least["width"])
         if kind == "disturbed" or 0.03 < worst < 0.5:
@@ -191,15 +182,11 @@ def candidates(path: Path, words: tuple[str, ...]) -> list[Record]:
         return decide(measured)
 
     def made(*given: Any, **more: Any) -> Any:
-        last[:] = [
-            passage_evidence(given[0])
-        ]  # unless it is asked more, and decided anew
+        last[:] = [passage_evidence(given[0])]  # unless it is asked more, and decided anew
         row = make_row(*given, **more)
         values = {name: stated[0].values[name] for name in STATED}
         values["time_s"] += begin_s[0]
-        found.append(
-            {**last[0], "stated": values, "is_given": isinstance(row, cpa.Row)}
-        )
+        found.append({**last[0], "stated": values, "is_given": isinstance(row, cpa.Row)})
         return row
 
     def looked(part: Any, graph: Any) -> Any:
@@ -220,9 +207,7 @@ def candidates(path: Path, words: tuple[str, ...]) -> list[Record]:
 
 def is_right(measured: Record, passing: list[Passage]) -> bool:
     """Tell whether a vessel passes as a candidate has it."""
-    time_s, time_std_s, own_s, std_s, speed, std_mps = (
-        measured["stated"][name] for name in STATED
-    )
+    time_s, time_std_s, own_s, std_s, speed, std_mps = (measured["stated"][name] for name in STATED)
     if not measured["relative_width_std"] < LARGEST_RELATIVE_STD:
         return False
     for one in passing:
@@ -264,9 +249,7 @@ def read(path: Path) -> Iterator[Any]:
 def terms(measured: Record) -> list[float]:
     """Return kinds of candidate and log evidences, zero where nothing was measured."""
     values = np.array([one(measured) for one in TRIED])
-    held = np.clip(
-        np.where(np.isfinite(values), values, 0.0), -MOST_NEPERS, MOST_NEPERS
-    )
+    held = np.clip(np.where(np.isfinite(values), values, 0.0), -MOST_NEPERS, MOST_NEPERS)
     return [*(float(kind == kind_of(measured)) for kind in LOG_ODDS), *held.tolist()]
 
 

@@ -63,9 +63,7 @@ def found(kind: str, count: int) -> Iterator[tuple[CandidatePassage, FloatArray]
             yield one, drawn.truth[[0, 3, 1]]
 
 
-def outcome(
-    tried: readings.Tried, blocks: Blocks, truth: FloatArray, odds: float
-) -> Outcome:
+def outcome(tried: readings.Tried, blocks: Blocks, truth: FloatArray, odds: float) -> Outcome:
     """Weigh the readings of a candidate with some odds."""
     ODDS.update(dict.fromkeys(ODDS, odds))
     fit, reading = readings.weigh_readings(tried, blocks)

@@ -70,10 +70,9 @@ def pairs(count: int, seed: int, *, of_one: bool) -> Iterator[list[CandidatePass
 
 def apart(found: list[CandidatePassage]) -> tuple[float, float]:
     """Return the largest lag of two answers in deviations, and of their times in d/v."""
-    value = np.array([
-        (one.fit.theta[0, 0], one.fit.range_over_speed_s[0], one.fit.theta[0, 2])
-        for one in found
-    ])  # fmt: skip
+    value = np.array(
+        [(one.fit.theta[0, 0], one.fit.range_over_speed_s[0], one.fit.theta[0, 2]) for one in found]
+    )
     variance = sum(np.diag(one.fit.covariance[0])[:3] for one in found)
     lag = abs(value[0] - value[1])
     return float((lag / np.sqrt(variance)).max()), float(lag[0] / value[:, 1].min())
@@ -89,9 +88,7 @@ def main(count: int, seed: int) -> None:
         for name, column in (("deviations", lags[:, 0]), ("d/v", lags[:, 1])):
             words = ", ".join(
                 f"{q:.0%} {value:.2g}"
-                for q, value in zip(
-                    QUANTILES, np.quantile(column, QUANTILES), strict=True
-                )
+                for q, value in zip(QUANTILES, np.quantile(column, QUANTILES), strict=True)
             )
             print(f"{whose}, quantiles of the lag in {name}: {words}")
         same = sum(is_one(*found) for found in every)

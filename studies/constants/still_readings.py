@@ -18,14 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tests.draws.measured_passages import (
-    BEND,
-    KINDS,
-    SENSOR,
-    STILL,
-    draw,
-    is_clear,
-)
+from tests.draws.measured_passages import BEND, KINDS, SENSOR, STILL, draw, is_clear
 from tests.support import binomial_interval as interval
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.motion.passage.candidates import CandidatePassage, fit_contact, read

@@ -54,9 +54,7 @@ def crossings(seed: int, draws: int) -> str:
         counts = np.bincount(scan, minlength=51)[6:51]
         beyond.append(np.maximum(counts - 2, 0).mean())
         missing.append((counts < 2).mean())
-    return (
-        f"{np.mean(beyond):.4f} tracks beyond, {np.mean(missing):.4f} of scans without"
-    )
+    return f"{np.mean(beyond):.4f} tracks beyond, {np.mean(missing):.4f} of scans without"
 
 
 def bearings(seed: int, draws: int) -> str:

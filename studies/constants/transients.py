@@ -46,9 +46,7 @@ def short_frames(scenario: Scenario) -> Iterator[Spectrogram]:
 def movements(found: list[Transients], default: float = 7.0) -> str:
     """Tell how many rises of lines keep their frequencies, fall and climb."""
     kind = np.concatenate([one.kind[one.spreads > default] for one in found])
-    return ", ".join(
-        f"{word} {np.count_nonzero(kind == word)}" for word in (LINES, FALL, CLIMB)
-    )
+    return ", ".join(f"{word} {np.count_nonzero(kind == word)}" for word in (LINES, FALL, CLIMB))
 
 
 def rises_of(scenario: Scenario, least: float) -> Transients:

@@ -42,8 +42,7 @@ def run_parts(
         (part, name): case
         for part in parts
         for name, case in PARTS[part]().items()
-        if given.cases in name
-        and (not only_frozen or name in load(FROZEN, part)["cases"])
+        if given.cases in name and (not only_frozen or name in load(FROZEN, part)["cases"])
     }
     results: Results = {part: {} for part in parts}
     begin = time.monotonic()

@@ -56,18 +56,11 @@ def towed(name: str, seed: int, folder: Path) -> Outcome:  # noqa: ARG001
             std = float(getattr(found, f"{stem}_std_{unit}")[k])
             if np.isfinite(error) and np.isfinite(std):
                 quantities[quantity] = {"error": error, "std": std}
-        far = max(
-            (abs(one["error"]) / one["std"] for one in quantities.values()),
-            default=np.inf,
-        )
+        far = max((abs(one["error"]) / one["std"] for one in quantities.values()), default=np.inf)
         modes.append((far, k, quantities))
     far, best, quantities = min(modes, default=(np.inf, -1, {}))
     # without a turn both sides stay, and one of two modes is the mirror
-    wrong = [
-        m
-        for m in modes
-        if m[1] != best and found.weight[m[1]] > found.weight[best] + 0.1
-    ]
+    wrong = [m for m in modes if m[1] != best and found.weight[m[1]] > found.weight[best] + 0.1]
     contacts = int(np.unique(found.contact).size)
     return {
         "vessels": [{
@@ -91,9 +84,7 @@ def directions(rho_db: float, seed: int, folder: Path) -> Outcome:  # noqa: ARG0
     frame = np.rint(found.time_s - 0.5).astype(int)
     off = (found.bearing_deg - azimuth_deg[frame] + 180.0) % 360.0 - 180.0
     rise = found.elevation_deg - elevation_deg[frame]
-    every = np.concatenate(
-        [off / found.bearing_std_deg, rise / found.elevation_std_deg]
-    )
+    every = np.concatenate([off / found.bearing_std_deg, rise / found.elevation_std_deg])
     return {"counts": {
         f"directions at {rho_db:g} dB": [int(frame.size), azimuth_deg.size],
         "directions within 1.96": [int((np.abs(every) <= 1.96).sum()), every.size],
@@ -103,9 +94,7 @@ def directions(rho_db: float, seed: int, folder: Path) -> Outcome:  # noqa: ARG0
 
 def cases(seed: int) -> dict[str, Case]:
     """Return all cases of arrays."""
-    made: dict[str, Case] = {
-        f"towed: {name}": partial(towed, name, seed) for name in TOWED
-    }
+    made: dict[str, Case] = {f"towed: {name}": partial(towed, name, seed) for name in TOWED}
     for rho_db in (0.0, 10.0):
         made[f"directions at {rho_db:g} dB"] = partial(directions, rho_db, seed)
     return made

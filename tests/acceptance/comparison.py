@@ -38,9 +38,7 @@ VALUE_MAY_MOVE, REAL_STD_MAY_CHANGE = 0.5, 1.2
 EXACT = 1e-9
 
 
-def differences(
-    frozen: Mapping[str, Outcome], now: Mapping[str, Outcome]
-) -> Iterator[str]:
+def differences(frozen: Mapping[str, Outcome], now: Mapping[str, Outcome]) -> Iterator[str]:
     """Yield in words what is worse than frozen in the cases of a part."""
     for name, before in frozen.items():
         if name not in now:
@@ -99,9 +97,7 @@ def _told(one: Mapping[str, float]) -> str:
 
 def _false_rows(before: Rows, now: Rows) -> Iterator[str]:
     if len(now) > len(before):
-        rows = "; ".join(
-            f"{r['status']} at {r['time_s']:.1f} s, {r['why']}" for r in now
-        )
+        rows = "; ".join(f"{r['status']} at {r['time_s']:.1f} s, {r['why']}" for r in now)
         yield f"{len(now)} false rows, frozen {len(before)}: {rows}"
 
 
@@ -129,9 +125,7 @@ def _vessel(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
         return
     if _rank(now["status"]) < _rank(before["status"]):
         yield f"status {now['status']!r}, frozen {before['status']!r}"
-    if now["side"] == "wrong" != before["side"] or (
-        before["side"] == "right" != now["side"]
-    ):
+    if now["side"] == "wrong" != before["side"] or (before["side"] == "right" != now["side"]):
         yield f"side {now['side']}, frozen {before['side']}"
     for name, one in before["quantities"].items():
         if name not in now["quantities"]:
@@ -143,10 +137,10 @@ def _vessel(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
 
 def _quantity(before: Mapping[str, float], now: Mapping[str, float]) -> Iterator[str]:
     error, std = abs(now["error"]), now["std"]
-    allowed = max(
-        abs(before["error"]) + ERROR_MAY_GROW * before["std"], ERROR_WITHIN * std
+    allowed = max(abs(before["error"]) + ERROR_MAY_GROW * before["std"], ERROR_WITHIN * std)
+    told = (
+        f"off by {error:.4g} +- {std:.4g}, frozen {abs(before['error']):.4g} +- {before['std']:.4g}"
     )
-    told = f"off by {error:.4g} +- {std:.4g}, frozen {abs(before['error']):.4g} +- {before['std']:.4g}"
     if not error <= allowed:
         yield told
     elif not std <= STD_MAY_GROW * before["std"]:
@@ -166,13 +160,9 @@ def _real(before: Rows, now: Rows) -> Iterator[str]:
     Where their number differs those are held that are right by what is known.
     """
     if len(before) != len(now):
-        if sum(r["verdict"] == "false" for r in now) > sum(
-            r["verdict"] == "false" for r in before
-        ):
+        if sum(r["verdict"] == "false" for r in now) > sum(r["verdict"] == "false" for r in before):
             yield f"{len(now)} rows, frozen {len(before)}, more of them false"
-        before, now = (
-            [r for r in rows if r["verdict"] == "right"] for rows in (before, now)
-        )
+        before, now = ([r for r in rows if r["verdict"] == "right"] for rows in (before, now))
         if len(now) < len(before):
             yield "a row that was right is lost"
     for number, (one, other) in enumerate(zip(before, now, strict=False), start=1):

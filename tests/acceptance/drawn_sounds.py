@@ -25,19 +25,13 @@ def _of_scenario(scenario: Scenario, seed: int, folder: Path) -> Outcome:
     return run_drawn(of_scenario(scenario, seed), folder)
 
 
-def _due(
-    seed: int, count: int, kinds: tuple[str, ...] | None
-) -> Iterator[tuple[int, Scenario]]:
+def _due(seed: int, count: int, kinds: tuple[str, ...] | None) -> Iterator[tuple[int, Scenario]]:
     """Draw recordings of one vessel that is due from a seed on."""
     while count:
         scenario = draw_scenario(
             seed, n_vessels=1, kinds=kinds, sample_rate_hz=RATE_HZ, duration_s=SECONDS
         )
-        place = next(
-            number
-            for number, one in enumerate(scenario.vessels)
-            if one.closest_approach
-        )
+        place = next(number for number, one in enumerate(scenario.vessels) if one.closest_approach)
         least = bounds(scenario, place)
         if max(least["speed"], least["width"]) < LARGEST_BOUND:
             yield seed, scenario
@@ -66,9 +60,8 @@ def two_vessels(count: int, seed: int) -> Cases:
 
     def draw(number: int, folder: Path) -> Outcome:
         scenario = draw_scenario(
-            number, n_vessels=2, kinds=(), sample_rate_hz=RATE_HZ,
-            duration_s=SECONDS_OF_TWO,
-        )  # fmt: skip
+            number, n_vessels=2, kinds=(), sample_rate_hz=RATE_HZ, duration_s=SECONDS_OF_TWO
+        )
         return _of_scenario(scenario, number, folder)
 
     return {f"two vessels {n}": partial(draw, n) for n in range(seed, seed + count)}
@@ -89,9 +82,7 @@ def vehicles(count: int, seed: int) -> Cases:
         return score(rows, passing)
 
     return {
-        f"{kinds[k % len(kinds)]} {seed + k}": partial(
-            draw, seed + k, kinds[k % len(kinds)]
-        )
+        f"{kinds[k % len(kinds)]} {seed + k}": partial(draw, seed + k, kinds[k % len(kinds)])
         for k in range(count)
     }
 
@@ -104,9 +95,7 @@ def harder(count: int, seed: int) -> Cases:
 
     kinds = harder_motions.KINDS
     return {
-        f"{kinds[k % len(kinds)]} {seed + k}": partial(
-            draw, seed + k, kinds[k % len(kinds)]
-        )
+        f"{kinds[k % len(kinds)]} {seed + k}": partial(draw, seed + k, kinds[k % len(kinds)])
         for k in range(count)
     }
 
@@ -130,10 +119,7 @@ def nothing(count: int, seed: int) -> Cases:
 
     def disturbances(number: int, folder: Path) -> Outcome:
         scenario = draw_scenario(
-            number,
-            n_vessels=0,
-            sample_rate_hz=RATE_WITHOUT_HZ,
-            duration_s=SECONDS_WITHOUT,
+            number, n_vessels=0, sample_rate_hz=RATE_WITHOUT_HZ, duration_s=SECONDS_WITHOUT
         )
         return _of_scenario(scenario, number, folder)
 

@@ -93,18 +93,13 @@ def _copy(folder: Path, fault: Fault) -> None:
     """Copy the tree with the fault in it; raise `ValueError` if its text is gone."""
     text = (ROOT / fault.path).read_text(encoding="utf-8")
     if text.count(fault.old) != 1:
-        msg = (
-            f"{fault.path} holds {fault.old!r} {text.count(fault.old)} times, not once."
-        )
+        msg = f"{fault.path} holds {fault.old!r} {text.count(fault.old)} times, not once."
         raise ValueError(msg)
     for name in COPIED:
-        shutil.copytree(ROOT / name, folder / name,
-                        ignore=shutil.ignore_patterns("__pycache__"))  # fmt: skip
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in LINKED:
         (folder / name).symlink_to(ROOT / name)
-    (folder / fault.path).write_text(
-        text.replace(fault.old, fault.new), encoding="utf-8"
-    )
+    (folder / fault.path).write_text(text.replace(fault.old, fault.new), encoding="utf-8")
 
 
 def seen(fault: Fault) -> list[str]:
@@ -150,9 +145,7 @@ def plant(names: Sequence[str]) -> int:
         missed += not red
         told = "yes" if is_short(red) else "no"
         example = red[0].replace("|", "/") if red else "**nothing sees it**"
-        lines.append(
-            f"| {fault.name} (`{fault.path}`) | {len(red)} | {told} | {example} |"
-        )
+        lines.append(f"| {fault.name} (`{fault.path}`) | {len(red)} | {told} | {example} |")
         sys.stdout.write(lines[-1] + "\n")
         sys.stdout.flush()
         if not names:

@@ -27,10 +27,7 @@ NAMES = (
 def _outcome(fringes: Fringes, passages: list[Passage]) -> Outcome:
     table = find_encounters(fringes=fringes)
     columns = {name: getattr(table, name).tolist() for name in NAMES}
-    rows = [
-        dict(zip(columns, row, strict=True))
-        for row in zip(*columns.values(), strict=True)
-    ]
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
     hours = float(fringes.time_s[-1]) / 3600.0
     return {"hours": hours, **score(rows, passages)}
 
@@ -49,11 +46,10 @@ def _nothing(seed: int, kind: str, _folder: Path) -> Outcome:
 def cases(count: int, seed: int) -> Cases:
     """Draw so many vessels in deep and shallow water, and of each kind that is none."""
     passing: Cases = {
-        f"{'deep' if is_deep else 'shallow'} {number}": partial(
-            _passing, number, is_deep
-        )
-        for number in range(seed, seed + count) for is_deep in (True, False)
-    }  # fmt: skip
+        f"{'deep' if is_deep else 'shallow'} {number}": partial(_passing, number, is_deep)
+        for number in range(seed, seed + count)
+        for is_deep in (True, False)
+    }
     nothing: Cases = {
         f"{kind} {number}": partial(_nothing, number, kind)
         for number in range(seed, seed + max(1, count // 2)) for kind in KINDS

@@ -109,17 +109,14 @@ def families(stage: str, seed: int, folder: Path) -> Outcome:  # noqa: ARG001
         teeth, found, told, right = (
             int(a + b) for a, b in zip((teeth, found, told, right), one, strict=True)
         )
-    return {"counts": {f"teeth by {stage}": [found, teeth],
-                       f"families by {stage}": [right, told]}}  # fmt: skip
+    return {"counts": {f"teeth by {stage}": [found, teeth], f"families by {stage}": [right, told]}}
 
 
 def long_lines(stage: str, window_s: float, seed: int, folder: Path) -> Outcome:  # noqa: ARG001
     """Count the steady lines of ten minutes that are heard in long frames."""
     level = LONG[stage, window_s]
     heard = sum(lines_heard(stage, window_s, level, seed + k) for k in range(3))
-    return {
-        "counts": {f"{stage} at {level:g} dB, {window_s:g} s": [heard, 3 * N_LINES]}
-    }
+    return {"counts": {f"{stage} at {level:g} dB, {window_s:g} s": [heard, 3 * N_LINES]}}
 
 
 def shaft(seed: int, folder: Path) -> Outcome:
@@ -131,11 +128,9 @@ def shaft(seed: int, folder: Path) -> Outcome:
     path = folder / "shaft.wav"
     Drawn(recording.sample_rate_hz, sound).write(path)
     rows, _ = run(path)
-    told = json.loads(
-        command("show", path.with_suffix(".run.h5"), "presence", "--format", "json")
-    )
+    told = json.loads(command("show", path.with_suffix(".run.h5"), "presence", "--format", "json"))
     named = [one for one in told if abs((one["spacing_hz"] or 0.0) - shaft_hz) < 0.02]
-    return {**score_rows(rows, ()), "counts": {"shafts named": [int(bool(named)), 1]}}  # fmt: skip
+    return {**score_rows(rows, ()), "counts": {"shafts named": [int(bool(named)), 1]}}
 
 
 def cases(seed: int) -> dict[str, Case]:

@@ -11,11 +11,7 @@ from tests.acceptance.running import Results, run_all
 
 def check_long(processes: int) -> int:
     """Run the long parts, print their rates, and return 1 if one misses its limit."""
-    cases = {
-        (part, name): case
-        for part, make in LONG.items()
-        for name, case in make().items()
-    }
+    cases = {(part, name): case for part, make in LONG.items() for name, case in make().items()}
     results: Results = {part: {} for part in LONG}
     for (part, name), one in run_all(cases, processes):
         results[part][name] = one

@@ -50,9 +50,7 @@ def command(*words: object) -> str:
     return done.stdout
 
 
-def run(
-    path: Path, words: Sequence[object] = ()
-) -> tuple[list[dict[str, Any]], list[str]]:
+def run(path: Path, words: Sequence[object] = ()) -> tuple[list[dict[str, Any]], list[str]]:
     """Run the whole chain over a recording; return its rows and codes."""
     product = path.with_suffix(".run.h5")
     made = ("-o", product, "--overwrite", "--json", "--quiet")
@@ -88,8 +86,7 @@ def radiated(product: Path) -> dict[str, dict[str, float]]:
             "std": one["radiated_noise_level_std_db"],
         }
         for one in told["level"]
-        if one["centre_hz"] > LOWEST_LEVEL_HZ
-        and one["radiated_noise_level_db"] is not None
+        if one["centre_hz"] > LOWEST_LEVEL_HZ and one["radiated_noise_level_db"] is not None
     }
 
 
@@ -148,9 +145,7 @@ def score(rows: Sequence[dict[str, Any]], passages: Sequence[Passage]) -> Outcom
         if place not in row_of.values():
             false.append(_false(row, "twice" if place in twice else "nothing passes"))
     numbers = [row["contact"] for row in rows]
-    false += [
-        _false(r, "number") for k, r in enumerate(rows) if r["contact"] in numbers[:k]
-    ]
+    false += [_false(r, "number") for k, r in enumerate(rows) if r["contact"] in numbers[:k]]
     return {"vessels": vessels, "false": false}
 
 

@@ -57,5 +57,5 @@ SHORT: dict[str, tuple[str, ...]] = {
     "tables": ("tma S1-T1, compass 1 degree", "discriminate", "pdaf crossing at 20"),
     "targets": ("own ship under way, bearings",),
     "fringes": ("shallow 382400",),
-}  # fmt: skip
+}
 """Cases of each part that are in `make test`: about half a CPU minute."""

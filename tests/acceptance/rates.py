@@ -24,9 +24,7 @@ Count = Callable[[Results], Counted]
 Limit = tuple[float, float]
 
 
-def _vessels(
-    results: Results, parts: Sequence[str], start: str = ""
-) -> Iterator[dict[str, Any]]:
+def _vessels(results: Results, parts: Sequence[str], start: str = "") -> Iterator[dict[str, Any]]:
     for part in parts:
         for name, one in results.get(part, {}).items():
             if name.startswith(start):
@@ -72,9 +70,7 @@ def wrong_sides(parts: Sequence[str], start: str = "") -> Count:
     return count
 
 
-def within(
-    deviations: float, parts: Sequence[str], start: str = "", name: str = ""
-) -> Count:
+def within(deviations: float, parts: Sequence[str], start: str = "", name: str = "") -> Count:
     """Count quantities within so many of their standard deviations."""
 
     def count(results: Results) -> Counted:
@@ -94,9 +90,7 @@ def beyond(parts: Sequence[str], start: str = "") -> Count:
     return count
 
 
-def over_bound(
-    ratio: float, parts: Sequence[str], start: str = "", name: str = ""
-) -> Count:
+def over_bound(ratio: float, parts: Sequence[str], start: str = "", name: str = "") -> Count:
     """Count standard deviations above so many Cramer-Rao bounds; half are at a median."""
 
     def count(results: Results) -> Counted:

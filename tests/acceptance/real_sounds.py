@@ -51,9 +51,7 @@ RECORDINGS = {
     "lola": Known("vehicles/lola2.wav", 1.95, 14.5, None, AIR),
     "racing car": Known("vehicles/racecar2.wav", 0.95, 50.0, None, AIR),
 }
-NORTH_SEA = (
-    Known("", range_over_speed_s=1070.0), Known("", range_over_speed_s=300.0),
-)  # fmt: skip
+NORTH_SEA = (Known("", range_over_speed_s=1070.0), Known("", range_over_speed_s=300.0))
 """Passages that stacking along hyperbolas shows; their times are known to half a minute."""
 
 QUIETEST_WITHIN = 3.0

@@ -74,15 +74,7 @@ def commit() -> str:
     It is asked for before processes are forked: one that is forked while git is read
     holds the pipe's other end, and the pipe would not end.
     """
-    words = [
-        "git",
-        "-C",
-        str(FROZEN),
-        "describe",
-        "--always",
-        "--dirty=+",
-        "--exclude=*",
-    ]
+    words = ["git", "-C", str(FROZEN), "describe", "--always", "--dirty=+", "--exclude=*"]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     return done.stdout.strip() or "unknown"
 
@@ -91,8 +83,7 @@ def store(folder: Path, part: str, cases: Mapping[str, Outcome]) -> None:
     """Write the outcomes of a part, one case a line."""
     folder.mkdir(parents=True, exist_ok=True)
     lines = ",\n".join(
-        f"{json.dumps(name)}: {json.dumps(cases[name], default=float)}"
-        for name in sorted(cases)
+        f"{json.dumps(name)}: {json.dumps(cases[name], default=float)}" for name in sorted(cases)
     )
     text = f'{{\n"part": {json.dumps(part)},\n"commit": {json.dumps(commit())},\n"cases": {{\n{lines}\n}}\n}}\n'
     (folder / f"{part}.json").write_text(text, encoding="utf-8")

@@ -65,8 +65,7 @@ def two_sensors(folder: Path) -> Outcome:
     far = []
     for one in fixes:
         east, north = (
-            np.interp(one["time_s"], track["time_s"], track[axis])
-            for axis in ("east_m", "north_m")
+            np.interp(one["time_s"], track["time_s"], track[axis]) for axis in ("east_m", "north_m")
         )
         far.append(np.hypot(one["east_m"] - east, one["north_m"] - north))
     return {"scores": {"fixes": scored(len(far), "more", 0),
@@ -81,9 +80,7 @@ def towed_array(folder: Path) -> Outcome:
     told = json.loads(command("show", product, "motions", "--format", "json"))
     truth = json.loads(path.with_suffix(".truth.json").read_text(encoding="utf-8"))
     track = truth["vessels"][0]["track"]
-    speed = float(
-        np.hypot(track["velocity_east_mps"][0], track["velocity_north_mps"][0])
-    )
+    speed = float(np.hypot(track["velocity_east_mps"][0], track["velocity_north_mps"][0]))
     return {"vessels": [_motion(told, {"speed_mps": speed})],
             "counts": {"contacts beyond one": [len({m["contact"] for m in told}) - 1, 1]}}  # fmt: skip
 
@@ -139,10 +136,7 @@ def scans(folder: Path) -> Outcome:
     truth = json.loads((data / "scans.truth.json").read_text(encoding="utf-8"))
     off, squares = [], []
     for one in told["scan"]:
-        true = [
-            np.interp(one["time_s"], truth["time_s"], truth[k])
-            for k in ("z_1_m", "z_2_m")
-        ]
+        true = [np.interp(one["time_s"], truth["time_s"], truth[k]) for k in ("z_1_m", "z_2_m")]
         error = np.array(one["state"])[[0, 2]] - true
         covariance = np.array(one["state_covariance"])[np.ix_([0, 2], [0, 2])]
         off.append(np.hypot(*error))

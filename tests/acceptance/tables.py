@@ -69,9 +69,7 @@ def passages(kind: str, seed: int, count: int, folder: Path) -> Outcome:  # noqa
                 "status": "ok" if quantities else "",
                 "side": "wrong" if one.is_wrong else "none", "quantities": quantities,
             })  # fmt: skip
-            far = [
-                n for n, q in quantities.items() if abs(q["error"]) > BEYOND * q["std"]
-            ]
+            far = [n for n, q in quantities.items() if abs(q["error"]) > BEYOND * q["std"]]
             if far:
                 false.append({"why": f"beyond {BEYOND:g}: {', '.join(far)}",
                               "status": one.reading, "time_s": float(number)})  # fmt: skip
@@ -107,9 +105,7 @@ def fixes(seed: int, count: int, moving: bool, folder: Path) -> Outcome:  # noqa
         found = locate_vessels(series=series, at=["600"])
         quantities = {}
         if found.time_s.size:
-            off = (
-                np.array([found.east_m[0], found.north_m[0]]) - place - 600.0 * velocity
-            )
+            off = np.array([found.east_m[0], found.north_m[0]]) - place - 600.0 * velocity
             covariance = found.covariance_m2[0]
             held += bool(off @ np.linalg.solve(covariance, off) < 5.99)
             quantities = {
@@ -126,9 +122,7 @@ def fixes(seed: int, count: int, moving: bool, folder: Path) -> Outcome:  # noqa
 def pairs(seed: int, count: int, folder: Path) -> Outcome:  # noqa: ARG001
     """Count the verdicts of `discriminate` on a source and its repeater."""
     said = Counter(
-        discriminate_contacts(
-            *contact_pair(seed=number), miss=0.005, false_alarm=0.005
-        ).verdict[0]
+        discriminate_contacts(*contact_pair(seed=number), miss=0.005, false_alarm=0.005).verdict[0]
         for number in range(seed, seed + count)
     )
     return {"counts": {"pairs right": [said["first moves"], count],
@@ -148,9 +142,7 @@ def cases(seed: int) -> dict[str, Case]:
     for kind, count in PASSAGES.items():
         for first in range(0, count, BATCH):
             size = min(BATCH, count - first)
-            made[f"cpa {kind} {seed + first}"] = partial(
-                passages, kind, seed + first, size
-            )
+            made[f"cpa {kind} {seed + first}"] = partial(passages, kind, seed + first, size)
     for kind, count in MOTIONS.items():
         for name in CASES:
             made[f"tma {name}, {kind}"] = partial(motions, name, kind, seed, count)

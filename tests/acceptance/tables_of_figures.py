@@ -13,9 +13,7 @@ def write_tables() -> None:
     """Write the tables of rates, of drawn and real recordings, of lines and of costs."""
     stored = {part: load(FROZEN, part) for part in PARTS}
     results = {part: one["cases"] for part, one in stored.items()}
-    commits = ", ".join(
-        f"{part} {one['commit']}" for part, one in stored.items() if one["commit"]
-    )
+    commits = ", ".join(f"{part} {one['commit']}" for part, one in stored.items() if one["commit"])
     head = (f"Made by `python -m tests.acceptance freeze`; seeds in tests/acceptance/parts.py; "
             f"commits: {commits}.\n\n")  # fmt: skip
     lines = ["| rate | today | limit | band | source |", "|---|---|---|---|---|"]
@@ -43,15 +41,10 @@ def write_tables() -> None:
     for part in ("lines", "arrays", "tables", "targets"):
         for name, one in results[part].items():
             told = [f"{k} {v['value']:.3f}" for k, v in one.get("scores", {}).items()]
-            told += [
-                f"{k} {a:g} of {b:g}" for k, (a, b) in one.get("counts", {}).items()
-            ]
+            told += [f"{k} {a:g} of {b:g}" for k, (a, b) in one.get("counts", {}).items()]
             lines.append(f"| {name} | {', '.join(told)} |")
     _write("figures", "Lines, arrays and tables", head, lines)
-    lines = [
-        "| part | case | CPU in references | peak memory, MB |",
-        "|---|---|---|---|",
-    ]
+    lines = ["| part | case | CPU in references | peak memory, MB |", "|---|---|---|---|"]
     for part, cases in results.items():
         lines += [
             f"| {part} | {name} | {one['cost']['cpu']:g} | {one['cost']['memory_mb']} |"
@@ -79,17 +72,14 @@ def _vessels(one: dict) -> str:
         parts = []
         for name, q in vessel["quantities"].items():
             bound = f" ({q['std'] / q['bound']:.1f})" if q.get("bound") else ""
-            parts.append(
-                f"{name.rsplit('_', 1)[0]} {q['error'] / q['std']:+.1f}{bound}"
-            )
+            parts.append(f"{name.rsplit('_', 1)[0]} {q['error'] / q['std']:+.1f}{bound}")
         told.append(f"{vessel['status']}, side {vessel['side']}: {', '.join(parts)}")
     return "; ".join(told)
 
 
 def _false(one: dict) -> str:
     return "; ".join(
-        f"{r['status']} at {r['time_s']:.0f} s, {r['why']}"
-        for r in one.get("false", [])
+        f"{r['status']} at {r['time_s']:.0f} s, {r['why']}" for r in one.get("false", [])
     )
 
 
@@ -97,9 +87,7 @@ def _rows(one: dict) -> str:
     told = []
     for row in one.get("rows", []):
         values = [
-            f"{k} {v['value']:.2f} ± {v['std']:.2f}"
-            for k, v in row.items()
-            if isinstance(v, dict)
+            f"{k} {v['value']:.2f} ± {v['std']:.2f}" for k, v in row.items() if isinstance(v, dict)
         ]
         told.append(f"{row['verdict']}: {row['status']}, {', '.join(values)}")
     return "; ".join(told) or "none"

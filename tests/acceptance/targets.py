@@ -9,13 +9,7 @@ import numpy as np
 from tests.acceptance.outcomes import Outcome
 from tests.clutter.test_several_targets import AUTO, MOTION, stone_soup, told
 from tests.draws.contact_pairs import BEARING_STD_DEG, error_rates
-from tests.draws.crossing_targets import (
-    DETECTOR,
-    STD_M,
-    crossing,
-    ends_of_both,
-    false_only,
-)
+from tests.draws.crossing_targets import DETECTOR, STD_M, crossing, ends_of_both, false_only
 from tests.draws.targets_under_way import FALSE, detector_of, passing, turning
 from uwtrack_cli.clutter.options import Detector, TargetMotion, TargetStart
 from uwtrack_cli.clutter.pdaf import track_in_clutter
@@ -119,8 +113,7 @@ def turns(seed: int, count: int, folder: Path) -> Outcome:  # noqa: ARG001
         solved = np.linalg.solve(place, off[5::10, :, None])[..., 0]
         square = (off[5::10] * solved).sum(axis=1)
         inside, of = inside + int((square < INSIDE_95[2]).sum()), of + square.size
-    return {"counts": {"lost in turns": [lost, count],
-                       "smoothed ellipses of turns": [inside, of]}}  # fmt: skip
+    return {"counts": {"lost in turns": [lost, count], "smoothed ellipses of turns": [inside, of]}}
 
 
 def repeaters(

@@ -10,9 +10,7 @@ from tests.acceptance.running import FROZEN, load, run_all
 SHORT_CASES = [(part, name) for part, names in SHORT.items() for name in names]
 
 
-@pytest.mark.parametrize(
-    ("part", "name"), SHORT_CASES, ids=list(map("/".join, SHORT_CASES))
-)
+@pytest.mark.parametrize(("part", "name"), SHORT_CASES, ids=list(map("/".join, SHORT_CASES)))
 def test_a_case_is_as_good_as_frozen(part, name):
     case = PARTS[part]()[name]
     ((_, now),) = run_all({(part, name): case}, processes=0)
@@ -31,17 +29,12 @@ def test_a_part_is_as_good_as_frozen(part):
     cases = {(part, name): made[name] for name in frozen if name in made}
     now = {name: one for (_, name), one in run_all(cases, processes=0)}
     red = list(differences(frozen, now))
-    assert (
-        red + (list(held({part: now}, [part])) if now.keys() == made.keys() else [])
-        == []
-    )
+    assert red + (list(held({part: now}, [part])) if now.keys() == made.keys() else []) == []
 
 
 def test_what_is_frozen_meets_its_own_limits():
     results = {part: load(FROZEN, part)["cases"] for part in PARTS}
-    whole = [
-        part for part, cases in results.items() if cases.keys() >= PARTS[part]().keys()
-    ]
+    whole = [part for part, cases in results.items() if cases.keys() >= PARTS[part]().keys()]
     assert list(held(results, whole)) == []
     assert not [
         (part, name)

@@ -49,13 +49,7 @@ def test_what_is_worse_is_red(rows, words):
 
 @pytest.mark.parametrize(
     "changes",
-    [
-        {},
-        {"speed_mps": 5.0},
-        {"speed_mps": 4.95},
-        {"speed_std_mps": 0.1},
-        {"time_s": 99.8},
-    ],
+    [{}, {"speed_mps": 5.0}, {"speed_mps": 4.95}, {"speed_std_mps": 0.1}, {"time_s": 99.8}],
 )
 def test_what_is_as_good_or_better_is_green(changes):
     assert compared(row(**changes)) == []
@@ -71,17 +65,13 @@ def test_a_score_is_worse_beyond_its_slack_and_what_fails_is_red():
     for value, n_red in ((0.5, 0), (1.05, 0), (1.2, 1), (float("nan"), 1)):
         now = {"scores": {"ids": scored(value, "less", 0.1)}}
         assert len(list(case_differences(before, now))) == n_red, value
-    assert list(case_differences(before, {"failed": "IndexError"})) == [
-        "failed: IndexError"
-    ]
+    assert list(case_differences(before, {"failed": "IndexError"})) == ["failed: IndexError"]
 
 
 def test_a_count_is_worse_where_the_exact_intervals_part():
     before = {"counts": {"false by track": [1, 1.0], "own at 20 degrees": [58, 60]}}
     for false, own, n_red in ((3, 55, 0), (12, 58, 1), (1, 40, 1), (0, 60, 0)):
-        now = {
-            "counts": {"false by track": [false, 1.0], "own at 20 degrees": [own, 60]}
-        }
+        now = {"counts": {"false by track": [false, 1.0], "own at 20 degrees": [own, 60]}}
         assert len(list(case_differences(before, now))) == n_red, (false, own)
 
 

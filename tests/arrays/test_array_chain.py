@@ -46,9 +46,7 @@ def test_lines_of_a_vessel_on_the_other_side_hold_through_the_turn():
     lines = made[Lines]
     assert lines.line_contact.tolist() == [1, 1]
     for line in lines.line_id:
-        heard = lines.time_s[
-            (lines.line == line) & ~np.isnan(lines.measured_bearing_deg)
-        ]
+        heard = lines.time_s[(lines.line == line) & ~np.isnan(lines.measured_bearing_deg)]
         assert heard.min() < 40.0
         assert heard.max() > 240.0
 
@@ -220,13 +218,9 @@ def test_the_ships_navigation_is_refused_where_the_arrays_is_known(turned):
     from uwtrack_cli.data.bearing_time import BearingTime
 
     time_s = np.arange(100.0)
-    ship = Navigation(
-        time_s=time_s, east_m=time_s, north_m=time_s, heading_deg=0.0 * time_s
-    )
+    ship = Navigation(time_s=time_s, east_m=time_s, north_m=time_s, heading_deg=0.0 * time_s)
     with pytest.raises(DataError, match="uwtrack beamform"):
-        estimate_motion(
-            None, turned[Lines], ship, None, turned[BearingTime], array_heading="auto"
-        )
+        estimate_motion(None, turned[Lines], ship, None, turned[BearingTime], array_heading="auto")
 
 
 def test_find_sensor_finds_the_array(sample):

@@ -26,9 +26,7 @@ FIXED = Sensor(
 )  # fmt: skip
 
 
-def tones(
-    cosines, levels_db, frequency_hz=449.7, duration_s=8.0, seed=1, places=PLACES
-):
+def tones(cosines, levels_db, frequency_hz=449.7, duration_s=8.0, seed=1, places=PLACES):
     """Plane waves with equal frequency and random phases in independent noise."""
     rng = np.random.default_rng(seed)
     time_s = np.arange(round(duration_s * RATE_HZ)) / RATE_HZ
@@ -70,18 +68,14 @@ def test_levels_are_those_of_a_delay_and_sum_in_time(cosine):
     assert 10.0 * np.log10(power.mean()) == pytest.approx(wanted_db, abs=0.25)
 
 
-@pytest.mark.parametrize(
-    ("shading", "cone_deg"), [("uniform", 30.0), ("chebyshev", 60.0)]
-)
+@pytest.mark.parametrize(("shading", "cone_deg"), [("uniform", 30.0), ("chebyshev", 60.0)])
 def test_directions_err_as_stated_and_near_the_bound(shading, cone_deg):
     truth = np.cos(np.radians(cone_deg))
     errors, stated = [], []
     for seed in range(4):
         shift = (seed - 1.5) / 4.0 * 2.0 / (4 * N)  # places between the beams
         samples = tones([truth + shift], [-18.0], duration_s=60.0, seed=seed)
-        peaks = beams_of(
-            samples, shading=shading, overlap=0.0, band_hz=(350.0, 550.0)
-        ).peaks
+        peaks = beams_of(samples, shading=shading, overlap=0.0, band_hz=(350.0, 550.0)).peaks
         near = np.abs(peaks.frequency_hz - 449.7) < 1.0
         near &= np.abs(cosine_of(peaks) - truth) < 0.1
         errors.append(cosine_of(peaks)[near] - truth - shift)
@@ -106,17 +100,16 @@ def test_lines_between_the_bins_have_no_bias_at_a_moving_array(cone_deg):
     heading, far_m = 40.0, 3e6
     bearing = np.radians(heading + cone_deg)
     vessel = {
-        "source_depth_m": 30.0, "spreading_db_per_decade": 0.0,
+        "source_depth_m": 30.0,
+        "spreading_db_per_decade": 0.0,
         "track": {
             "east_m": far_m * float(np.sin(bearing)),
             "north_m": far_m * float(np.cos(bearing)),
-            "course_deg": 0.0, "speed_mps": 0.0,
+            "course_deg": 0.0,
+            "speed_mps": 0.0,
         },
-        "line": [
-            {"frequency_hz": 300.0 + 37.13 * k, "source_level_db": 100.0}
-            for k in range(8)
-        ],
-    }  # fmt: skip
+        "line": [{"frequency_hz": 300.0 + 37.13 * k, "source_level_db": 100.0} for k in range(8)],
+    }
     array = {
         "id": "tow", "kind": "array", "depth_m": 30.0, "full_scale_db": 140.0,
         "element_along_m": PLACES.tolist(),
@@ -141,9 +134,7 @@ def test_lines_between_the_bins_have_no_bias_at_a_moving_array(cone_deg):
 def test_ahead_and_astern_have_finite_deviations_that_hold():
     for cosine in (1.0, -1.0):
         samples = tones([cosine], [-12.0], duration_s=60.0)
-        peaks = beams_of(
-            samples, shading="uniform", overlap=0.0, band_hz=(350.0, 550.0)
-        ).peaks
+        peaks = beams_of(samples, shading="uniform", overlap=0.0, band_hz=(350.0, 550.0)).peaks
         strong = peaks.snr_db > 20.0
         assert np.count_nonzero(strong) >= 55
         truth = 0.0 if cosine > 0 else 180.0
@@ -202,9 +193,8 @@ def exceedances(recording, probability):
 
 @pytest.mark.parametrize(
     ("widths", "options"),
-    [(1.2, {"beamformer": "conventional", "shading": "uniform"}),
-     (0.6, {"beamformer": "mvdr"})],
-)  # fmt: skip
+    [(1.2, {"beamformer": "conventional", "shading": "uniform"}), (0.6, {"beamformer": "mvdr"})],
+)
 def test_two_sources_are_resolved(widths, options):
     assert both_stand_out(widths, options, seed=2)
 
@@ -234,9 +224,7 @@ def both_stand_out(widths, options, seed):
 def test_blocks_of_reading_change_no_bit():
     samples = tones([0.3], [-10.0], duration_s=40.0)
     made = [
-        BearingTime.join(
-            list(form_beams(recording_of(samples, RATE_HZ, FIXED, block=block)))
-        )
+        BearingTime.join(list(form_beams(recording_of(samples, RATE_HZ, FIXED, block=block))))
         for block in (997, 64_000)
     ]
     assert made[0].equals(made[1])
@@ -334,12 +322,9 @@ def test_bearings_are_written_for_the_side_asked_for_and_not_where_the_array_is_
     step = 3.0 * np.stack([np.sin(turned), np.cos(turned)])
     east, north = np.cumsum(step, axis=1)
     navigation = Navigation(
-        time_s=time_s, east_m=east, north_m=north,
-        heading_deg=np.full(time_s.size, np.nan),
-    )  # fmt: skip
-    towed = replace(
-        FIXED, heading_source="way", tow_offset_m=0.0, navigation=navigation
+        time_s=time_s, east_m=east, north_m=north, heading_deg=np.full(time_s.size, np.nan)
     )
+    towed = replace(FIXED, heading_source="way", tow_offset_m=0.0, navigation=navigation)
     record = beams_of(samples, towed, band_hz=(400.0, 500.0))
     bent = record.bend_deg > 0.5
     assert 15 < bent.sum() < 60
@@ -351,9 +336,7 @@ def test_bearings_are_written_for_the_side_asked_for_and_not_where_the_array_is_
 
 
 ROWS = np.arange(0.0, 30.0)
-AHEAD = Navigation(
-    time_s=ROWS, east_m=0.0 * ROWS, north_m=3.0 * ROWS, heading_deg=0.0 * ROWS
-)
+AHEAD = Navigation(time_s=ROWS, east_m=0.0 * ROWS, north_m=3.0 * ROWS, heading_deg=0.0 * ROWS)
 
 
 @pytest.mark.parametrize(

@@ -5,14 +5,7 @@ import pytest
 from geographiclib.geodesic import Geodesic
 from scipy.signal import correlate
 
-from tests.arrays.test_spatial_array import (
-    RATE_HZ,
-    SQUARE,
-    TETRAHEDRON,
-    C,
-    plane_wave,
-    sensor_of,
-)
+from tests.arrays.test_spatial_array import RATE_HZ, SQUARE, TETRAHEDRON, C, plane_wave, sensor_of
 from tests.support import recording_of
 from uwtrack_cli.arrays.beamform import form_beams
 from uwtrack_cli.arrays.delays import measure_delays
@@ -82,9 +75,8 @@ def test_a_table_gives_what_the_geometry_says(uwtrack, tmp_path, monkeypatch):
               np.sin(elevation)]  # fmt: skip
     early_s = TRIPOD @ toward / C
     rows = [
-        f"0.5,e{a},e{b},{float(early_s[a] - early_s[b])!r},2e-6"
-        for a in range(4) for b in range(a)
-    ]  # fmt: skip
+        f"0.5,e{a},e{b},{float(early_s[a] - early_s[b])!r},2e-6" for a in range(4) for b in range(a)
+    ]
     head = "time_s,channel_a,channel_b,delay_s,delay_std_s"
     (tmp_path / "d.csv").write_text("\n".join([head, *rows]) + "\n")
     places = TRIPOD.tolist()
@@ -105,13 +97,9 @@ def test_a_table_gives_what_the_geometry_says(uwtrack, tmp_path, monkeypatch):
     far = float(row["range_m"])
     place = float(row["east_m"]), float(row["north_m"])
     assert place == pytest.approx((-far * np.sqrt(0.75), 0.5 * far))
-    line = Geodesic.WGS84.Inverse(
-        54.0, 10.0, float(row["latitude"]), float(row["longitude"])
-    )
+    line = Geodesic.WGS84.Inverse(54.0, 10.0, float(row["latitude"]), float(row["longitude"]))
     assert (line["s12"], line["azi1"] % 360.0) == pytest.approx((far, 300.0), abs=1e-3)
-    spread = np.array(
-        [float(row[f"covariance_m2_{i}_{j}"]) for i, j in np.ndindex(2, 2)]
-    )
+    spread = np.array([float(row[f"covariance_m2_{i}_{j}"]) for i, j in np.ndindex(2, 2)])
     across = np.array([0.5, np.sqrt(0.75)])  # the array's place and its compass alone
     across_m2 = across @ spread.reshape(2, 2) @ across
     assert across_m2 == pytest.approx(2.0**2 + (far * np.radians(3.0)) ** 2, rel=0.01)
@@ -182,9 +170,7 @@ def test_three_hydrophones_of_four_in_space_give_no_delays_enough_and_it_is_said
 def test_positions_in_millimetres_are_doubted():
     samples = plane_wave(SQUARE, 200.0, 0.0, snr_db=15.0, duration_s=4.0)
     recording = recording_of(samples, RATE_HZ, sensor_of(1000.0 * SQUARE))
-    with pytest.raises(
-        OptionError, match=r"positions in metres\? Else give --window-s 1"
-    ):
+    with pytest.raises(OptionError, match=r"positions in metres\? Else give --window-s 1"):
         delays_of(samples, sensor_of(1000.0 * SQUARE))
     with pytest.raises(OptionError, match="are the positions in metres"):
         list(form_beams(recording, band_hz=(60.0, 700.0)))

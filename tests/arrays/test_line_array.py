@@ -80,8 +80,7 @@ def test_shading_widens_the_deviation_as_measured(shading, factor):
 
 
 @pytest.mark.parametrize(
-    ("times_design", "outside_deg"),
-    [(0.99, None), (1.2, 48.2), (1.5, 70.5), (2.01, 90)],
+    ("times_design", "outside_deg"), [(0.99, None), (1.2, 48.2), (1.5, 70.5), (2.01, 90)]
 )
 def test_grating_lobes_are_seen_where_they_are(times_design, outside_deg):
     array = line(16)

@@ -123,9 +123,7 @@ def test_the_cones_of_three_pairs_place_a_vessel_on_its_true_side():
         replace(PAIR, id="west", heading_deg=80.0, east_m=-400.0, north_m=-100.0),
     ]
     found = [find_directions(passing(one, k), one) for k, one in enumerate(sensors)]
-    fixes = locate_vessels(
-        directions=found, sensors=sensors, at=["120"], contact_numbers="common"
-    )
+    fixes = locate_vessels(directions=found, sensors=sensors, at=["120"], contact_numbers="common")
     best = int(np.argmax(fixes.weight))
     off = np.array([fixes.east_m[best], fixes.north_m[best]]) - START - 120.0 * VELOCITY
     assert off @ np.linalg.solve(fixes.covariance_m2[best], off) < 13.8  # 99.9 %

@@ -22,9 +22,7 @@ def test_delays_of_two_recorders_are_within_twice_the_bound(snr_db):
 
 def test_the_clocks_are_told_and_not_part_of_the_deviation():
     pair, delay_s = recorders(60, 10.0, clock_std_s=0.01)
-    (found,) = measure_delays(
-        join_recorders(pair), window_s=4.0, band_hz=(200.0, 1000.0)
-    )
+    (found,) = measure_delays(join_recorders(pair), window_s=4.0, band_hz=(200.0, 1000.0))
     np.testing.assert_allclose(found.clock_std_s, 0.01 * np.sqrt(2.0))
     assert (found.delay_std_s < 1e-4).all()
     np.testing.assert_allclose(found.delay_s, delay_s, atol=5e-5)

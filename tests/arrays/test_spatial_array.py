@@ -38,9 +38,7 @@ def plane_wave(places, azimuth_deg, elevation_deg, *, snr_db, duration_s, seed=1
     source = np.fft.rfft(rng.standard_normal(n)) * 10.0 ** (snr_db / 20.0)
     frequency_hz = np.fft.rfftfreq(n, 1.0 / RATE_HZ)
     early_s = places @ np.array(toward) / C
-    heard = [
-        np.fft.irfft(source * np.exp(2j * np.pi * frequency_hz * t), n) for t in early_s
-    ]
+    heard = [np.fft.irfft(source * np.exp(2j * np.pi * frequency_hz * t), n) for t in early_s]
     return np.stack(heard, axis=1) + rng.standard_normal((n, len(places)))
 
 
@@ -66,9 +64,7 @@ def delay_and_sum(samples, places, azimuths_deg, elevations_deg):
                                np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])  # fmt: skip
             total = np.zeros(len(samples))
             for channel, place in zip(samples.T, places, strict=True):
-                total += np.interp(
-                    time - place @ toward / C * FINE * RATE_HZ, time, channel
-                )
+                total += np.interp(time - place @ toward / C * FINE * RATE_HZ, time, channel)
             found[azimuth_deg, elevation_deg] = np.mean(total[50:-50] ** 2)
     return max(found, key=found.__getitem__)
 
@@ -111,9 +107,7 @@ def test_directions_err_as_stated_and_near_the_bound(snr_db):
 def several(sources, places=TETRAHEDRON, duration_s=10.0):
     """Directions of an array whose hydrophones are at the places, of several sources."""
     samples = sum(
-        plane_wave(
-            places, azimuth, elevation, snr_db=snr_db, duration_s=duration_s, seed=k
-        )
+        plane_wave(places, azimuth, elevation, snr_db=snr_db, duration_s=duration_s, seed=k)
         - plane_wave(places, 0.0, 0.0, snr_db=-300.0, duration_s=duration_s, seed=k)
         for k, (azimuth, elevation, snr_db) in enumerate(sources)
     )
@@ -122,9 +116,7 @@ def several(sources, places=TETRAHEDRON, duration_s=10.0):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "sources", [((40, 0, 10), (85, 0, 10)), ((40, 10, 20), (130, 0, 0))]
-)
+@pytest.mark.parametrize("sources", [((40, 0, 10), (85, 0, 10)), ((40, 10, 20), (130, 0, 0))])
 def test_two_sources_of_a_frame_are_told_apart(sources):
     """The first pair is half of a beam's width apart, the second 20 dB."""
     found = several(sources)
@@ -154,9 +146,7 @@ def test_more_sources_than_hydrophones_tell_are_no_directions():
 def test_a_plane_hears_to_the_horizon():
     """Beams next to directions along the plane lay at the rim, and were none."""
     samples = plane_wave(SQUARE, 90.0, 5.0, snr_db=10.0, duration_s=4.0)
-    found = record_of(
-        samples, sensor_of(SQUARE), overlap=0.0, band_hz=(60.0, 700.0)
-    ).directions
+    found = record_of(samples, sensor_of(SQUARE), overlap=0.0, band_hz=(60.0, 700.0)).directions
     assert found.frame.size == 4
     assert found.bearing_deg == pytest.approx(90.0, abs=3.0)
 
@@ -205,9 +195,7 @@ def test_a_level_plane_lists_the_image_below():
 def test_an_upright_plane_lists_the_bearing_behind():
     upright = SQUARE[:, [0, 2, 1]]  # starboard and up
     samples = plane_wave(upright, 50.0, 10.0, snr_db=10.0, duration_s=4.0)
-    found = record_of(
-        samples, sensor_of(upright), overlap=0.0, band_hz=(60.0, 700.0)
-    ).directions
+    found = record_of(samples, sensor_of(upright), overlap=0.0, band_hz=(60.0, 700.0)).directions
     assert found.ambiguity == "plane"
     both = np.stack([found.bearing_deg, found.lobe_bearing_deg])
     assert np.sort(both, axis=0).mean(axis=1) == pytest.approx([50.0, 130.0], abs=3.0)
@@ -241,9 +229,7 @@ def test_lines_have_bearings_and_elevations_that_err_as_stated():
     samples = rng.standard_normal((n, 4))
     for frequency_hz in (353.3, 641.7):
         samples += 0.5 * np.cos(2.0 * np.pi * frequency_hz * (time_s + early_s))
-    peaks = record_of(
-        samples, sensor_of(TETRAHEDRON), overlap=0.0, band_hz=(300.0, 700.0)
-    ).peaks
+    peaks = record_of(samples, sensor_of(TETRAHEDRON), overlap=0.0, band_hz=(300.0, 700.0)).peaks
     for frequency_hz in (353.3, 641.7):
         near = np.abs(peaks.frequency_hz - frequency_hz) < 1.0
         assert np.count_nonzero(near) > 50
@@ -269,14 +255,11 @@ def test_deviation_of_a_tone_is_the_inverse_information(places):
 @pytest.mark.slow
 def test_a_passage_by_four_hydrophones_is_found(samples):
     path = samples / "small-array.wav"
-    recording = open_recording(
-        path, sensor=find_sensor(path), start_s=20.0, stop_s=75.0
-    )
+    recording = open_recording(path, sensor=find_sensor(path), start_s=20.0, stop_s=75.0)
     made = run_recipe(recording, load_recipe("small-array"))
     (encounters,) = (one for one in made if isinstance(one, Encounters))
     assert encounters.time_s.size == 1
-    truth = {"time_s": 27.0, "speed_mps": 5.0, "course_deg": 75.0,
-             "horizontal_range_m": 60.0}  # fmt: skip
+    truth = {"time_s": 27.0, "speed_mps": 5.0, "course_deg": 75.0, "horizontal_range_m": 60.0}
     for name, wanted in truth.items():
         stem, unit = name.rsplit("_", 1)
         std = getattr(encounters, f"{stem}_std_{unit}")[0]
@@ -343,9 +326,7 @@ def test_a_real_array_hears_the_published_arrivals():
     """LANL-Seismoacoustics/infrapy: 18:07:05 UTC, 318.2 degrees at 371 m/s; then near 250
     degrees at 660 to 800 s and near 323 degrees at 805 to 890 s."""
     folder = Path(REAL or "") / "array"
-    table = np.loadtxt(
-        folder / "infrasound_brp.positions.csv", delimiter=",", skiprows=1
-    )
+    table = np.loadtxt(folder / "infrasound_brp.positions.csv", delimiter=",", skiprows=1)
     places = np.column_stack([table[:, 1:], np.zeros(4)])
     sensor = replace(sensor_of(places), sound_speed_mps=345.0)
     recording = open_recording(folder / "infrasound_brp.wav", sensor=sensor)

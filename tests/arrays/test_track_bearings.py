@@ -117,9 +117,8 @@ def test_sidelobes_of_a_loud_vessel_are_no_contacts():
 def test_an_array_that_is_no_line_has_its_directions_elsewhere():
     record = drawn([], np.zeros(100))
     planar = replace(
-        record, cos_angle=None, diffuse_power=None,
-        azimuth_deg=np.linspace(0.0, 353.0, BEAMS),
-    )  # fmt: skip
+        record, cos_angle=None, diffuse_power=None, azimuth_deg=np.linspace(0.0, 353.0, BEAMS)
+    )
     with pytest.raises(DataError, match="no line"):
         track_bearings(planar)
 
@@ -139,9 +138,7 @@ def test_peaks_and_their_heights_are_those_of_scipy(step):
 
 
 @pytest.mark.parametrize(("line_std_deg", "number"), [(1.0, 2), (12.0, 1)])
-def test_a_contact_whose_lines_scatter_as_stated_keeps_their_number(
-    line_std_deg, number
-):
+def test_a_contact_whose_lines_scatter_as_stated_keeps_their_number(line_std_deg, number):
     # eight degrees apart: far beyond one degree, well within the deviations of a pair
     truth = bearing_of(40.0, 120.0, 400)
     record = drawn([truth], np.zeros(400))

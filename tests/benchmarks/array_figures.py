@@ -46,14 +46,7 @@ def directions():
     print("cone, rho, shading: rms over bound, error over stated, frames")
     turn = 2.0 * np.pi * 450.0 / C
     for shading in ("uniform", "chebyshev"):
-        for cone_deg, rho_db in (
-            (90, 0),
-            (90, 10),
-            (90, 20),
-            (60, 10),
-            (30, 10),
-            (15, 10),
-        ):
+        for cone_deg, rho_db in ((90, 0), (90, 10), (90, 20), (60, 10), (30, 10), (15, 10)):
             truth = np.cos(np.radians(cone_deg))
             errors, stated = [], []
             for seed in range(4):
@@ -101,25 +94,20 @@ def detection():
             hits = frames = 0
             for seed in range(12):
                 at = 0.2 + seed / 12.0 * 2.0 / (4 * n_elements)
-                samples = tones(
-                    [at], [level_db(rho_db)], 450.0, 60.0, 50 + seed, places
-                )
+                samples = tones([at], [level_db(rho_db)], 450.0, 60.0, 50 + seed, places)
                 if n_elements == 1:
                     sound = recording_of(samples[:, :1], RATE_HZ, Sensor(id="one"))
                     spectra = compute_spectrogram(sound, overlap=0.0)
                     peaks = Peaks.join([find_peaks(block) for block in spectra])
                     near = peaks.is_detection.copy()
                 else:
-                    peaks = beams_of(
-                        samples, sensor, shading="uniform", overlap=0.0
-                    ).peaks
+                    peaks = beams_of(samples, sensor, shading="uniform", overlap=0.0).peaks
                     near = peaks.is_detection & (np.abs(cosine_of(peaks) - at) < 0.2)
                 near &= np.abs(peaks.frequency_hz - 450.0) < 1.0
                 hits += np.unique(peaks.frame[near]).size
                 frames += peaks.frames.n_frames
             shares.append(hits / frames)
-        print(f"{n_elements:3} {half_detected(levels, shares):.2f} dB",
-              np.round(shares, 3), frames)  # fmt: skip
+        print(f"{n_elements:3} {half_detected(levels, shares):.2f} dB", np.round(shares, 3), frames)
 
 
 def endfire():
@@ -129,13 +117,10 @@ def endfire():
         for cosine in (1.0, -1.0):
             errors, stated = [], []
             for seed in range(8):
-                samples = tones(
-                    [cosine], [level_db(12.0)], 450.0, 60.0, 80 + seed, places
-                )
+                samples = tones([cosine], [level_db(12.0)], 450.0, 60.0, 80 + seed, places)
                 peaks = beams_of(
-                    samples, sensor, shading="uniform", overlap=0.0,
-                    band_hz=(350.0, 550.0),
-                ).peaks  # fmt: skip
+                    samples, sensor, shading="uniform", overlap=0.0, band_hz=(350.0, 550.0)
+                ).peaks
                 strong = peaks.snr_db > 18.0
                 errors.append(peaks.cone_deg[strong] - (0.0 if cosine > 0 else 180.0))
                 stated.append(np.radians(peaks.cone_std_deg[strong]) ** 2)
@@ -165,10 +150,10 @@ def false_alarms():
             "element_noise_db": 50.0,
         }  # fmt: skip
         vessel = {
-            "source_depth_m": 30.0, "track": {"east_m": 800.0, "north_m": 900.0,
-            "course_deg": 0.0, "speed_mps": 0.0},
+            "source_depth_m": 30.0,
+            "track": {"east_m": 800.0, "north_m": 900.0, "course_deg": 0.0, "speed_mps": 0.0},
             "broadband": {"band_hz": [50.0, 750.0], "source_level_db": 150.0},
-        }  # fmt: skip
+        }
         table = {
             "seed": 11, "duration_s": 150.0, "sample_rate_hz": RATE_HZ,
             "sensor": [array], "noise": {"density_db": density_db},
@@ -238,9 +223,7 @@ TWO = [
 
 def scenes():
     """The scenes of a towed line: range, speed and course of every vessel."""
-    print(
-        "scene seed: lines followed | contact, weight, reading: value +- stated (truth)"
-    )
+    print("scene seed: lines followed | contact, weight, reading: value +- stated (truth)")
     for name, n_elements, vessels, turn, seeds in (
         ("turn", 16, ONE, True, range(1, 6)),
         ("two", 32, TWO, True, range(11, 14)),
@@ -261,9 +244,7 @@ def scenes():
                     there = there.at(np.array(found.time_s[row]))
                     east, north = there[0] - here[0], there[1] - here[1]
                     away = np.hypot(east, north)
-                    off = abs(
-                        found.bearing_deg[row] - np.degrees(np.arctan2(east, north))
-                    )
+                    off = abs(found.bearing_deg[row] - np.degrees(np.arctan2(east, north)))
                     off = min(off % 360.0, -off % 360.0)
                     if best is None or off < best[0]:
                         best = off, away, vessel
@@ -291,20 +272,12 @@ def cost():
         view = np.lib.stride_tricks.sliding_window_view(channel, 1600)[::800]
         for first in range(0, len(view), 32):
             rfft(view[first : first + 32] * window)
-    print(
-        f"beamform over the bare transforms: {whole / (time.process_time() - begin):.1f}"
-    )
+    print(f"beamform over the bare transforms: {whole / (time.process_time() - begin):.1f}")
 
 
 def oracle():
     """Beams of two sources against those of acoular, which must be installed for it."""
-    from acoular import (
-        BeamformerBase,
-        ImportGrid,
-        MicGeom,
-        PowerSpectraImport,
-        SteeringVector,
-    )
+    from acoular import BeamformerBase, ImportGrid, MicGeom, PowerSpectraImport, SteeringVector
 
     print("Hz: greatest difference to acoular within 20 dB of the maximum, dB")
     window = np.hanning(1601)[:-1]
@@ -316,9 +289,7 @@ def oracle():
         )  # fmt: skip
         inside = np.abs(record.cos_angle) <= 1.0
         cosines = record.cos_angle[inside]
-        ours = 10.0 * np.log10(
-            (10.0 ** (record.level_db[:, inside] / 10.0)).mean(axis=0)
-        )
+        ours = 10.0 * np.log10((10.0 ** (record.level_db[:, inside] / 10.0)).mean(axis=0))
         frames = samples.reshape(-1, 1600, N) * window[:, None]
         spectra = np.fft.rfft(frames, axis=1)
         toward = np.stack([cosines, np.sqrt(1.0 - cosines**2), 0.0 * cosines])
@@ -333,21 +304,15 @@ def oracle():
             cell = spectra[:, round(cell_hz)]
             matrix = np.einsum("kn,km->nm", cell, cell.conj()) / len(cell)
             data = PowerSpectraImport(csm=matrix[None], frequencies=cell_hz)
-            beams = BeamformerBase(
-                freq_data=data, steer=steer, r_diag=False, cached=False
-            )
+            beams = BeamformerBase(freq_data=data, steer=steer, r_diag=False, cached=False)
             power = power + beams.synthetic(cell_hz, 0).ravel()
         theirs = 10.0 * np.log10(power)
         near = theirs > theirs.max() - 20.0
         off = (ours - theirs)[near]
-        print(
-            f"{frequency_hz:.0f} {np.abs(off - np.median(off)).max():.3f} {near.sum()}"
-        )
+        print(f"{frequency_hz:.0f} {np.abs(off - np.median(off)).max():.3f} {near.sum()}")
 
 
-FIGURES = (
-    cost, directions, detection, endfire, resolution, motions, scenes, false_alarms
-)  # fmt: skip
+FIGURES = (cost, directions, detection, endfire, resolution, motions, scenes, false_alarms)
 
 if __name__ == "__main__":
     for figure in FIGURES:

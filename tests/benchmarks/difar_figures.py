@@ -95,9 +95,7 @@ def calibrations(runs, seed):
     names = [one.quantity for one in found.quantities]
     for name, column in zip(names, table.T, strict=True):
         inside = np.mean(np.abs(column) < 1.96)
-        print(
-            f"{name:22} rms/std {np.sqrt(np.mean(column**2)):.2f}, {inside:.0%} inside"
-        )
+        print(f"{name:22} rms/std {np.sqrt(np.mean(column**2)):.2f}, {inside:.0%} inside")
     print(f"bearing error before {np.median(before):.1f}, after {np.median(left):.2f}, "
           f"stated {np.median(stated):.2f} degrees (medians, rms over directions); "
           f"rms left/stated {np.sqrt(np.mean((np.array(left) / stated) ** 2)):.2f}")  # fmt: skip
@@ -106,14 +104,10 @@ def calibrations(runs, seed):
 def direction_error(sensor, due):
     """Return the rms error over all directions of a sensor with a true response."""
     angle = np.radians(np.arange(0, 360, 5))
-    sine, cosine = (
-        np.sin(angle - np.radians(due[5])),
-        np.cos(angle - np.radians(due[5])),
-    )
+    sine, cosine = (np.sin(angle - np.radians(due[5])), np.cos(angle - np.radians(due[5])))
     heard = np.stack(
-        [due[0] * (sine + due[2] * cosine + due[3]),
-         due[1] * (due[2] * sine + cosine + due[4])]
-    )  # fmt: skip
+        [due[0] * (sine + due[2] * cosine + due[3]), due[1] * (due[2] * sine + cosine + due[4])]
+    )
     response = sensor.dipole_response
     ideal = np.linalg.solve(response[:, :2], heard - response[:, 2:])
     bearing = np.arctan2(*ideal) + np.radians(sensor.compass_offset_deg)

@@ -37,17 +37,13 @@ def told(found: Directions, azimuth_deg, elevation_deg):
     off = (found.bearing_deg - azimuth_deg[frame] + 180.0) % 360.0 - 180.0
     rise = found.elevation_deg - elevation_deg[frame]
     level = np.cos(np.radians(elevation_deg[frame]))
-    ratio = np.concatenate(
-        [off / found.bearing_std_deg, rise / found.elevation_std_deg]
-    )
+    ratio = np.concatenate([off / found.bearing_std_deg, rise / found.elevation_std_deg])
     rms = [np.sqrt(np.mean(x**2)) for x in (off * level, rise, ratio)]
     return f"{rms[0]:.3f} {rms[1]:.3f} {rms[2]:.2f} {1.0 - frame.size / FRAMES:.2f}"
 
 
 def directions():
-    print(
-        "band, dB: bound; rms azimuth x cos(el), elevation, over stated, share without"
-    )
+    print("band, dB: bound; rms azimuth x cos(el), elevation, over stated, share without")
     sensor = sensor_of(TETRAHEDRON)
     for band_hz in ((60.0, 1800.0), (60.0, 700.0), (800.0, 1800.0)):
         for rho_db in (-5, 0, 10, 20):
@@ -72,9 +68,7 @@ def directions():
 def real_noise():
     """Hydrophones minutes apart in time share no sound, but keep their noise."""
     folder = Path(os.environ["UWTRACK_REAL_DATA"]) / "array"
-    table = np.loadtxt(
-        folder / "infrasound_brp.positions.csv", delimiter=",", skiprows=1
-    )
+    table = np.loadtxt(folder / "infrasound_brp.positions.csv", delimiter=",", skiprows=1)
     places = np.column_stack([table[:, 1:], np.zeros(4)])
     sensor = sensor_of(places, sound_speed_mps=345.0)
     recording = open_recording(folder / "infrasound_brp.wav", sensor=sensor)
@@ -82,9 +76,7 @@ def real_noise():
     for probability in (0.1, 0.01):
         hits = frames = 0
         for shift in (4130, 5730, 7930, 9170):
-            apart = np.stack(
-                [np.roll(samples[:, k], shift * k) for k in range(4)], axis=1
-            )
+            apart = np.stack([np.roll(samples[:, k], shift * k) for k in range(4)], axis=1)
             blocks = form_beams(
                 recording_of(apart, 100.0, sensor), band_hz=(1.0, 5.0), window_s=20.0,
                 false_alarm_probability=probability, kept_probability=0.2,

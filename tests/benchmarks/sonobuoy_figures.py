@@ -22,7 +22,7 @@ from tests.draws.buoys import (
     line_scene,
     passage_scene,
     scene,
-)  # fmt: skip
+)
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import UwtrackWarning
 from uwtrack_cli.flow.sample_recordings import write_simulation
@@ -49,8 +49,7 @@ def gains(found, true):
 
     From 50 to 2000 Hz, second by second, where the sound has not been stretched.
     """
-    spectra = [np.fft.rfft(s.reshape(-1, 6000, 3), axis=1)[:, 50:2000]
-               for s in (found, true)]  # fmt: skip
+    spectra = [np.fft.rfft(s.reshape(-1, 6000, 3), axis=1)[:, 50:2000] for s in (found, true)]
     cross = np.sum(spectra[0] * np.conj(spectra[1]), axis=(0, 1)).real
     level = cross / np.sum(np.abs(spectra[1]) ** 2, axis=(0, 1))
     return level[1:] / level[0]
@@ -92,8 +91,7 @@ def through_radio(seed):
             pair = gains(found.reader.samples, direct.reader.samples)
             told(f"{name}, gains", np.round(pair, 4), "1 within .02",
                  is_met=np.all(np.abs(pair - 1.0) < 0.02))  # fmt: skip
-        told(f"{name}, cost", f"{cost_s:.2f} CPU s a minute", "1.5 at most",
-             is_met=cost_s <= 1.5)  # fmt: skip
+        told(f"{name}, cost", f"{cost_s:.2f} CPU s a minute", "1.5 at most", is_met=cost_s <= 1.5)
 
 
 def tones(seed):
@@ -144,11 +142,7 @@ def passage(seed):
             [UWTRACK, "score", folder / "p-b1.fixes.h5", "--truth", folder / "p.truth.json",
              "--json"], check=False, capture_output=True, text=True,
         )  # fmt: skip
-    rows = [
-        row
-        for row in json.loads(score.stdout)["scores"]
-        if row["quantity"] == "position_m"
-    ]
+    rows = [row for row in json.loads(score.stdout)["scores"] if row["quantity"] == "position_m"]
     for row in rows:
         told("a passage past two buoys, position", f"{row['error']:.1f} m, "
              f"{row['sigmas']:.2f} deviations", "3 deviations at most",

@@ -51,7 +51,7 @@ def cost(*words: object) -> Cost:
     return Cost(used.ru_utime + used.ru_stime, used.ru_maxrss / scale)
 
 
-def write_passage(path: Path, rate_hz: float, length_s: float, passages: int = 1) -> None:  # fmt: skip
+def write_passage(path: Path, rate_hz: float, length_s: float, passages: int = 1) -> None:
     """Write the omni channel of a vessel's passage, or of several, in 16 bits."""
     (recording,) = simulate_recordings(scenario(length_s / 3600.0, passages, rate_hz))
     assert recording.reader is not None

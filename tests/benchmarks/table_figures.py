@@ -73,9 +73,7 @@ def fixes(runs, seed, kind):
     far, moves = 0, kind != "still"
     ours, theirs, bound, held, readings = [], [], [], [], []
     for number in range(seed, seed + runs):
-        series, place, velocity, wrong = buoys(
-            number, moving=moves, speeds_mps=SPEEDS_MPS[kind]
-        )
+        series, place, velocity, wrong = buoys(number, moving=moves, speeds_mps=SPEEDS_MPS[kind])
         truth = place + MIDDLE_S * velocity
         by_squares = least_squares_fix(series, truth, moves=moves)
         theirs.append(np.hypot(*(by_squares - truth)))
@@ -99,9 +97,7 @@ def fixes(runs, seed, kind):
     )
     for time_s, inside in zip((0, 600, 1200), np.array(held).T, strict=True):
         low, high = binomtest(int(inside.sum()), inside.size).proportion_ci()
-        print(
-            f"ellipses at {time_s} s hold {inside.mean():.1%} ({low:.1%} to {high:.1%})"
-        )
+        print(f"ellipses at {time_s} s hold {inside.mean():.1%} ({low:.1%} to {high:.1%})")
     for name in ("stationary", "moving", ""):
         shares = np.array([share for read, share in readings if read == name])
         if shares.size:

@@ -93,9 +93,7 @@ def test_a_run_stays_within_sixty_bare_transforms(capsys):
 def test_a_branch_that_nothing_follows_costs_its_own_stages_alone(capsys):
     """A second spectrogram costs its transforms; the sound is read once for both."""
     recording = recording_of(seconds_of_sound(600), RATE_HZ)
-    one = Recipe.from_toml(
-        "one", "[spectrogram]\n[levels]\nband_hz = [100.0, 1900.0]\n"
-    )
+    one = Recipe.from_toml("one", "[spectrogram]\n[levels]\nband_hz = [100.0, 1900.0]\n")
     other = Recipe.from_toml(
         "other",
         "[fine]\nstage = 'spectrogram'\nwindow_s = 0.25\n"

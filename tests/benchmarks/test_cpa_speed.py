@@ -52,9 +52,7 @@ def law(seconds, t0, width, speed):
     emitted = (lag - mach * root) / gamma
     flat_s = np.sqrt(slant_s**2 - (19.0 / speed) ** 2)
     near = 2 * np.log(slant_s * gamma / (root - mach * lag))
-    return (
-        (1 - mach * lag / root) / gamma, np.rad2deg(np.arctan2(emitted, flat_s)), near
-    )  # fmt: skip
+    return ((1 - mach * lag / root) / gamma, np.rad2deg(np.arctan2(emitted, flat_s)), near)
 
 
 def peer_fit(data):
@@ -124,7 +122,5 @@ def test_the_joint_fit_agrees_with_the_robust_peer_and_is_no_less_accurate():
         bounds.append(np.sqrt(np.diag(own.covariance[0])[:3]))
     assert np.all(np.abs(np.subtract(ours, theirs)) < np.array(bounds))
     assert np.all(np.abs(np.array(ours) - truth) < 4 * np.array(bounds))
-    spread = [
-        np.sqrt(((np.array(x) - truth) ** 2).mean(axis=0)) for x in (ours, theirs)
-    ]
+    spread = [np.sqrt(((np.array(x) - truth) ** 2).mean(axis=0)) for x in (ours, theirs)]
     assert np.all(spread[0] <= 1.1 * spread[1])

@@ -87,9 +87,7 @@ def image_s(path):
     """Return the CPU time of reading, decimation, spectrogram and image, s."""
     begin = time.process_time()
     recording = open_recording(path, sensor=Sensor(id="h1"))
-    frames = compute_spectrogram(
-        recording, window_s=0.5, zero_padding=1, band_hz=(40.0, 7000.0)
-    )
+    frames = compute_spectrogram(recording, window_s=0.5, zero_padding=1, band_hz=(40.0, 7000.0))
     assert sum(block.shade.shape[0] for block in measure_fringes(frames))
     return time.process_time() - begin
 

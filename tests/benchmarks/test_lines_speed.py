@@ -37,14 +37,9 @@ def line_load(
         ]
     )
     bearing = np.concatenate(
-        [
-            100.0 + rng.standard_normal(line.size),
-            rng.uniform(0.0, 360.0, noise_frame.size),
-        ]
+        [100.0 + rng.standard_normal(line.size), rng.uniform(0.0, 360.0, noise_frame.size)]
     )
-    snr = np.concatenate(
-        [np.full(line.size, 14.0), rng.uniform(9.5, 11.0, noise_frame.size)]
-    )
+    snr = np.concatenate([np.full(line.size, 14.0), rng.uniform(9.5, 11.0, noise_frame.size)])
     frames = np.concatenate([frame, noise_frame])
     order = np.lexsort((frequency, frames))
     return Peaks(
@@ -97,9 +92,7 @@ def stonesoup_frame_s(
     from stonesoup.types.track import Track
     from stonesoup.updater.kalman import KalmanUpdater
 
-    motion = CombinedLinearGaussianTransitionModel(
-        [ConstantVelocity(1e-2), ConstantVelocity(1e-4)]
-    )
+    motion = CombinedLinearGaussianTransitionModel([ConstantVelocity(1e-2), ConstantVelocity(1e-4)])
     sensor = LinearGaussian(4, (0, 2), np.diag([1.0, 0.09]))
     predictor, updater = KalmanPredictor(motion), KalmanUpdater(sensor)
     associator = GNNWith2DAssignment(
@@ -148,9 +141,7 @@ def test_tracking_is_at_least_300_times_faster_than_stone_soup(stone_soup_s) -> 
     peaks = line_load(n_frames)
     alone = Feedback(classifier="none", every_frames=n_frames, hold_frames=n_frames)
     ours = cpu_s(lambda: list(track_lines(iter([peaks]), feedback=alone)), 6) / n_frames
-    print(
-        f"track {1e3 * ours:.2f} ms, Stone Soup {1e3 * stone_soup_s:.0f} ms per frame"
-    )
+    print(f"track {1e3 * ours:.2f} ms, Stone Soup {1e3 * stone_soup_s:.0f} ms per frame")
     assert stone_soup_s / ours >= 300.0
 
 
@@ -160,17 +151,13 @@ def feedback_frame_s(peaks: Peaks, n_frames: int) -> float:
     comb = Harmonics(spacing_hz=(15.0, 60.0), teeth=14)
 
     def work() -> None:
-        families = classify_peaks(
-            peaks, spacing_hz=(15.0, 60.0), teeth=14, most_peaks=100
-        )
+        families = classify_peaks(peaks, spacing_hz=(15.0, 60.0), teeth=14, most_peaks=100)
         list(track_lines(iter([families]), feedback=every, harmonics=comb))
 
     return cpu_s(work, repeats=6) / n_frames
 
 
-def test_tracking_with_feedback_is_at_least_60_times_faster_than_stone_soup(
-    stone_soup_s,
-) -> None:
+def test_tracking_with_feedback_is_at_least_60_times_faster_than_stone_soup(stone_soup_s) -> None:
     n_frames = 100
     peaks = line_load(n_frames)
     ours = feedback_frame_s(peaks, n_frames)
@@ -230,12 +217,9 @@ def _between(peaks: Peaks, first: int, last: int) -> Peaks:
 
 
 @pytest.mark.parametrize(
-    ("n_lines", "spacing_hz", "n_frames", "most"),
-    [(50, 17.3, 600, 55.0), (200, 4.5, 400, 80.0)],
+    ("n_lines", "spacing_hz", "n_frames", "most"), [(50, 17.3, 600, 55.0), (200, 4.5, 400, 80.0)]
 )
-def test_a_frame_with_many_lines_costs_some_transforms(
-    n_lines, spacing_hz, n_frames, most
-):
+def test_a_frame_with_many_lines_costs_some_transforms(n_lines, spacing_hz, n_frames, most):
     # the aim is 7 and 20; without families the second is met
     peaks = line_load(n_frames, 1, n_lines, spacing_hz)
     alone = Feedback(classifier="none", every_frames=1000, hold_frames=1000)

@@ -18,9 +18,7 @@ PEAK_KB = 400_000
      (["report", "{product}"], 12.0), (["report", "."], 12.0)],
     ids=["recording", "passage", "report", "folder"],
 )  # fmt: skip
-def test_a_page_costs_some_times_what_draws_it(
-    timed_run, tmp_path, capsys, words, most
-):
+def test_a_page_costs_some_times_what_draws_it(timed_run, tmp_path, capsys, words, most):
     """5 s of CPU where the import takes 0.4 s are a ratio of 12."""
     (tmp_path / "a.run.h5").symlink_to(timed_run)
     (tmp_path / "pass.wav").symlink_to(timed_run.parent / "pass.wav")
@@ -30,8 +28,6 @@ def test_a_page_costs_some_times_what_draws_it(
     ratio = ratio_of(tmp_path, ["-m", "uwtrack_cli", *ours, *made], theirs, pairs=3)
     peak_kb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
     with capsys.disabled():
-        print(
-            f"\n{' '.join(words)}: {ratio:.1f} times the import, {peak_kb / 1e3:.0f} MB"
-        )
+        print(f"\n{' '.join(words)}: {ratio:.1f} times the import, {peak_kb / 1e3:.0f} MB")
     assert ratio < most
     assert peak_kb < PEAK_KB

@@ -22,10 +22,7 @@ from uwtrack_cli.clutter.pdaf import track_in_clutter
 from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.estimation.constant_velocity import constant_velocity
 from uwtrack_cli.estimation.imm import Belief
-from uwtrack_cli.estimation.information_reduction import (
-    gate_probability,
-    information_reduction,
-)
+from uwtrack_cli.estimation.information_reduction import gate_probability, information_reduction
 from uwtrack_cli.estimation.operating_curve import constant_curve
 
 GOLDEN = load_reference("clutter_golden")
@@ -34,9 +31,7 @@ SCANS = 50
 
 
 def _scans(track):
-    return [
-        np.array(s["Z"], dtype=float).reshape(-1, 2) for s in track["steps"][:SCANS]
-    ]
+    return [np.array(s["Z"], dtype=float).reshape(-1, 2) for s in track["steps"][:SCANS]]
 
 
 def _stone_soup(track):
@@ -44,9 +39,7 @@ def _stone_soup(track):
     from stonesoup.dataassociator.probability import PDA
     from stonesoup.hypothesiser.probability import PDAHypothesiser
     from stonesoup.models.measurement.linear import LinearGaussian
-    from stonesoup.models.transition.linear import (
-        LinearGaussianTimeInvariantTransitionModel,
-    )
+    from stonesoup.models.transition.linear import LinearGaussianTimeInvariantTransitionModel
     from stonesoup.predictor.kalman import KalmanPredictor
     from stonesoup.types.detection import Detection
     from stonesoup.types.state import GaussianState
@@ -69,12 +62,11 @@ def _stone_soup(track):
     states = []
     detections = [
         {
-            Detection(z[:, None], timestamp=BEGIN + timedelta(seconds=k),
-                      measurement_model=sensor)
+            Detection(z[:, None], timestamp=BEGIN + timedelta(seconds=k), measurement_model=sensor)
             for z in scan
         }
         for k, scan in enumerate(_scans(track), start=1)
-    ]  # fmt: skip
+    ]
     begin = time.process_time()
     for number, scan in enumerate(detections, start=1):
         now = BEGIN + timedelta(seconds=number)
@@ -174,10 +166,7 @@ def test_the_stage_costs_a_fraction_of_stone_soups_filter():
     each scan needs no long quadrature."""
     for threshold in STAGE_TIMES:
         _stage(threshold)
-    rounds = [
-        [_stone_soup(GOLDEN["tracks"][0])[2], *map(_stage, STAGE_TIMES)]
-        for _ in range(9)
-    ]
+    rounds = [[_stone_soup(GOLDEN["tracks"][0])[2], *map(_stage, STAGE_TIMES)] for _ in range(9)]
     theirs, *spent = np.median(np.array(rounds), axis=0)
     ours = dict(zip(STAGE_TIMES, spent, strict=True))
     for threshold, times in STAGE_TIMES.items():
@@ -233,9 +222,7 @@ def test_q2_is_a_hundred_times_faster_than_adaptive_quadrature_at_its_accuracy()
     begin = time.process_time()
     information_reduction(grid, around)
     each = (time.process_time() - begin) / 1000.0
-    assert float(information_reduction(detection, clutter)) == pytest.approx(
-        peer, abs=1e-5
-    )
+    assert float(information_reduction(detection, clutter)) == pytest.approx(peer, abs=1e-5)
     assert spent / each >= 100.0
 
 
@@ -260,9 +247,7 @@ def main():
         print(f"two targets at {angle_deg:g} degrees: {theirs / ours:.1f} times")
     for copies in (1, 100):
         _ours(track, copies)
-        pairs = [
-            (_stone_soup(track)[2], _ours(track, copies)[2] / copies) for _ in range(9)
-        ]
+        pairs = [(_stone_soup(track)[2], _ours(track, copies)[2] / copies) for _ in range(9)]
         theirs, ours = np.median(np.array(pairs), axis=0)
         print(f"filter alone, {copies} at once: {theirs / ours:.1f} times")
 

@@ -37,17 +37,12 @@ def ratio_of(folder, ours, theirs, pairs=9):
     """Median ratio of runs in turn, after one of each that fills the caches."""
     child_cpu_s(folder, *ours), child_cpu_s(folder, *theirs)
     return np.median(
-        [
-            child_cpu_s(folder, *ours) / child_cpu_s(folder, *theirs)
-            for _ in range(pairs)
-        ]
+        [child_cpu_s(folder, *ours) / child_cpu_s(folder, *theirs) for _ in range(pairs)]
     )
 
 
 def test_help_costs_little_more_than_the_parser(tmp_path, capsys):
-    ratio = ratio_of(
-        tmp_path, ["-m", "uwtrack_cli", "--help"], ["-c", "import typer, rich"]
-    )
+    ratio = ratio_of(tmp_path, ["-m", "uwtrack_cli", "--help"], ["-c", "import typer, rich"])
     with capsys.disabled():
         print(f"\n--help: {ratio:.2f} times import typer, rich")
     assert ratio < 1.5
@@ -73,9 +68,7 @@ def test_a_command_costs_little_more_than_its_imports(
     ours = ["-m", "uwtrack_cli", *named]
     ratio = ratio_of(tmp_path, ours, ["-c", PROGRAM.format(modules=modules), "a"])
     with capsys.disabled():
-        print(
-            f"\n{' '.join(words)}: {ratio:.2f} times a command that imports {modules}"
-        )
+        print(f"\n{' '.join(words)}: {ratio:.2f} times a command that imports {modules}")
     assert ratio < 2.5
 
 

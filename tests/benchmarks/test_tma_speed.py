@@ -3,13 +3,7 @@
 import numpy as np
 import pytest
 
-from studies.tma_runs import (
-    PAPER,
-    cpu_of,
-    one_record,
-    solve_by_descent,
-    solve_by_peer,
-)
+from studies.tma_runs import PAPER, cpu_of, one_record, solve_by_descent, solve_by_peer
 from tests.draws.sonar_tables import heard, own_ship
 from uwtrack_cli.motion.options import MotionModel, Nuisances
 from uwtrack_cli.motion.target_motion.solvers.recursive import estimate_recursively
@@ -35,9 +29,7 @@ def evolution_s(record):
     )  # fmt: skip
 
 
-def test_the_descent_is_twenty_times_faster_than_differential_evolution(
-    record, evolution_s
-):
+def test_the_descent_is_twenty_times_faster_than_differential_evolution(record, evolution_s):
     assert evolution_s / cpu_of(lambda: solve_by_descent(record), 5) >= 20.0
 
 
@@ -65,8 +57,6 @@ def test_the_descent_is_forty_times_faster_than_dual_annealing(record):
     assert annealing_s / cpu_of(lambda: solve_by_descent(record), 5) >= 40.0
 
 
-def test_a_thousand_recursive_updates_take_less_than_two_evolution_solves(
-    record, evolution_s
-):
+def test_a_thousand_recursive_updates_take_less_than_two_evolution_solves(record, evolution_s):
     updates_s = cpu_of(lambda: estimate_recursively(record, PAPER), 3)
     assert updates_s <= 2.0 * evolution_s

@@ -269,10 +269,7 @@ def a_needed_option_left_out(_folder):
     return ["export", "s.run.h5"]
 
 
-@case(
-    2,
-    "SOURCES is missing: Result files, or folders with them. See uwtrack help passages.",
-)
+@case(2, "SOURCES is missing: Result files, or folders with them. See uwtrack help passages.")
 def nothing_to_work_on(_folder):
     return ["passages"]
 

@@ -184,8 +184,7 @@ def test_files_of_a_recorder_are_joined_by_their_times(uwtrack, tmp_path):
     assert rows["h1_20240501_120000.wav"]["n_sources"] == 2
     assert rows["other.wav"]["n_sources"] == 1
     joined = "out/h1_20240501_120000.run.h5"
-    assert uwtrack("run", "whole.wav", "--start-utc", "2024-05-01T12:00:00Z",
-                   "-q").exit_code == 0  # fmt: skip
+    assert uwtrack("run", "whole.wav", "--start-utc", "2024-05-01T12:00:00Z", "-q").exit_code == 0
     found = json.loads(uwtrack("diff", joined, "whole.run.h5", "--json").stdout)
     assert {row["container"] for row in found} <= {"files", "recording"}
     again = uwtrack("rerun", joined, "--source", "day", "-o", "again.h5")
@@ -351,9 +350,7 @@ def test_a_lost_worker_costs_its_own_file_and_is_replaced(many):
     for k in (0, 1):
         message = rows[f"0{k}.wav"]["message"]
         assert "the process that ran it was ended by SIGKILL" in message
-    assert {path.name for path in (many / "out").glob("*.h5")} == (
-        {"02.run.h5", "03.run.h5"}
-    )
+    assert {path.name for path in (many / "out").glob("*.h5")} == ({"02.run.h5", "03.run.h5"})
 
 
 @pytest.mark.slow
@@ -439,18 +436,14 @@ def test_a_product_is_made_again_from_its_history(uwtrack, short_pass, tmp_path)
     assert done.exit_code == 0, done.output
     with read_product("p.h5") as one, read_product("again.h5") as other:
         assert one.paths.keys() == other.paths.keys()
-        assert [s.to_json() for s in one.history] == [
-            s.to_json() for s in other.history
-        ]
+        assert [s.to_json() for s in one.history] == [s.to_json() for s in other.history]
 
 
 def test_a_fit_of_a_table_is_made_again(uwtrack, tmp_path):
     time_s = np.arange(0.0, 200.0)
     ahead = 6.0 * (time_s - 100.0)
     shift = -6.0 / 1500.0 * ahead / np.hypot(ahead, 200.0)
-    lines = [
-        f"{t},{300 * (1 + s):.5f},0.05" for t, s in zip(time_s, shift, strict=True)
-    ]
+    lines = [f"{t},{300 * (1 + s):.5f},0.05" for t, s in zip(time_s, shift, strict=True)]
     table = "time_s,frequency_hz,frequency_std_hz\n" + "\n".join(lines) + "\n"
     (tmp_path / "series.csv").write_text(table)
     assert uwtrack("cpa", "series.csv", "-o", "s.h5").exit_code == 0

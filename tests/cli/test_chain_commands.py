@@ -17,9 +17,7 @@ def test_negative_numbers_are_values_of_a_list(uwtrack, samples):
     )  # fmt: skip
     together = uwtrack(*words, "--start-velocity", 50, -50, "-o", "one.h5")
     assert together.exit_code == 0, together.output
-    apart = uwtrack(
-        *words, "--start-velocity", 50, "--start-velocity", -50, "-o", "two.h5"
-    )
+    apart = uwtrack(*words, "--start-velocity", 50, "--start-velocity", -50, "-o", "two.h5")
     assert apart.exit_code == 0, apart.output
     assert uwtrack("diff", "one.h5", "two.h5").exit_code == 0
     info = json.loads(uwtrack("info", "one.h5", "--json").stdout)
@@ -34,7 +32,7 @@ def test_negative_numbers_are_values_of_a_list(uwtrack, samples):
         ("--start-velocity 1 -o x", "--start-velocity 1 -o x"),
         ("--gate 4 -50", "--gate 4 -50"),
     ],
-)  # fmt: skip
+)
 def test_only_options_with_lists_take_several_values(given, expected):
     assert spread_values(find_stage("pdaf"), given.split()) == expected.split()
 

@@ -11,9 +11,7 @@ from uwtrack_cli.files.hdf5.checksum import LINE_BYTES
 from uwtrack_cli.files.hdf5.product import read_product
 
 
-def test_a_product_made_from_one_that_was_made_again_is_the_same(
-    uwtrack, noise_wav, tmp_path
-):
+def test_a_product_made_from_one_that_was_made_again_is_the_same(uwtrack, noise_wav, tmp_path):
     sound = noise_wav.rename(tmp_path / "a.wav")
     made = []
     for _ in range(2):
@@ -44,7 +42,6 @@ def test_blas_has_one_thread_unless_the_environment_says_otherwise(given, used):
     if given is not None:
         environment["OPENBLAS_NUM_THREADS"] = given
     done = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True,
-        text=True, check=True,
-    )  # fmt: skip
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
     assert done.stdout.splitlines()[-1] == used

@@ -63,9 +63,7 @@ def test_what_lies_still_has_no_course_in_any_form(uwtrack, tmp_path):
         50.0 + series.sensor_north_m / 111_000.0, series.sensor_east_m / 71_700.0,
         strict=True,
     )  # fmt: skip
-    head = (
-        "time_utc,sensor,bearing_deg,sensor_latitude,sensor_longitude,bearing_std_deg"
-    )
+    head = "time_utc,sensor,bearing_deg,sensor_latitude,sensor_longitude,bearing_std_deg"
     begin = np.datetime64("2024-05-01T00:00:00", "ms")
     (tmp_path / "still.csv").write_text("\n".join([head, *(
         f"{begin + np.timedelta64(round(1e3 * t), 'ms')}Z,{n},{b:.2f},{y:.7f},{x:.7f},2"
@@ -92,9 +90,7 @@ def test_what_lies_still_has_no_course_in_any_form(uwtrack, tmp_path):
     # the region has its time, too, lest those of several times be taken for one
     assert page.count("<when>2024-05-01T00:10:00.000Z</when>") == 2
     # REP has no empty field: course and speed of what lies still are 0
-    track = [
-        line for line in export("rep").read_text().splitlines() if "CONTACT" in line
-    ]
+    track = [line for line in export("rep").read_text().splitlines() if "CONTACT" in line]
     assert track[0].split()[-3:] == ["0.0", "0.00", "0"]
 
 
@@ -134,15 +130,11 @@ def test_geojson_is_accepted_by_a_schema(exported):
 
 def test_the_ellipse_is_that_of_the_covariance(exported, found):
     content = json.loads(exported("geojson").read_text())
-    (ellipse,) = [
-        f for f in content["features"] if f["properties"]["kind"] == "ellipse"
-    ]
+    (ellipse,) = [f for f in content["features"] if f["properties"]["kind"] == "ellipse"]
     fixes = found[1]
     inverse = np.linalg.inv(fixes.covariance_m2[0])
     for longitude, latitude in ellipse["geometry"]["coordinates"][0]:
-        line = Geodesic.WGS84.Inverse(
-            fixes.latitude[0], fixes.longitude[0], latitude, longitude
-        )
+        line = Geodesic.WGS84.Inverse(fixes.latitude[0], fixes.longitude[0], latitude, longitude)
         angle = np.radians(line["azi1"])
         off = line["s12"] * np.array([np.sin(angle), np.cos(angle)])
         assert off @ inverse @ off == pytest.approx(5.991, rel=2e-3)  # chi2, 95 %
@@ -171,9 +163,7 @@ def test_kml_is_valid_and_read_by_fastkml(exported, found):
 @pytest.mark.slow
 def test_the_name_of_a_recording_is_no_formula(uwtrack, short_pass, tmp_path):
     shutil.copy(short_pass, tmp_path / "=1+1.wav")
-    assert (
-        uwtrack("run", "./=1+1.wav", "-o", "a.h5", "--channel", 1, "-q").exit_code == 0
-    )
+    assert uwtrack("run", "./=1+1.wav", "-o", "a.h5", "--channel", 1, "-q").exit_code == 0
     assert uwtrack("export", "a.h5", "--to", "raven", "-o", "a.txt").exit_code == 0
     lines = (tmp_path / "a.txt").read_text().splitlines()
     rows = list(csv.DictReader(lines, delimiter="\t"))
@@ -186,13 +176,9 @@ def test_a_raven_selection_table_is_read_by_pandas(exported):
     assert (table["End Time (s)"] > table["Begin Time (s)"]).all()
     assert (table["High Freq (Hz)"] > table["Low Freq (Hz)"]).all()
     assert set(table["Begin File"]) == {"pass.wav"}
-    assert table["File Offset (s)"].to_numpy() == pytest.approx(
-        table["Begin Time (s)"].to_numpy()
-    )
+    assert table["File Offset (s)"].to_numpy() == pytest.approx(table["Begin Time (s)"].to_numpy())
     for rest_hz in (63.0, 126.0, 189.0, 310.0):
-        inside = (table["Low Freq (Hz)"] < rest_hz) & (
-            table["High Freq (Hz)"] > rest_hz
-        )
+        inside = (table["Low Freq (Hz)"] < rest_hz) & (table["High Freq (Hz)"] > rest_hz)
         assert inside.any()
 
 
@@ -222,10 +208,7 @@ def test_netcdf_is_opened_by_xarray_with_its_times(exported, found):
         assert data["h1_sensor"].attrs["depth_m"] == 22.0
         assert "h1_lines_frequency_hz" in data
         assert data["h1_overview_shade"].dims == ("time", "frequency")
-        assert data["frequency"].attrs == {
-            "units": "Hz",
-            "standard_name": "sound_frequency",
-        }
+        assert data["frequency"].attrs == {"units": "Hz", "standard_name": "sound_frequency"}
         assert data["time"].dtype.kind == "M"
 
 
@@ -234,9 +217,7 @@ def test_netcdf_takes_every_container(tmp_path, kind):
     """No column has the name of a dimension, as `association_row` once had."""
     made = synthetic(kind, 3)
     write_netcdf(tmp_path / "x.nc", [(made, "")], [])
-    with xr.open_dataset(
-        tmp_path / "x.nc", engine="h5netcdf", decode_times=False
-    ) as held:
+    with xr.open_dataset(tmp_path / "x.nc", engine="h5netcdf", decode_times=False) as held:
         for name in made.columns():
             if getattr(made, name) is not None:
                 assert any(k.endswith(f"{made.NAME}_{name}") for k in held.variables)

@@ -89,9 +89,7 @@ def test_levels_are_those_of_the_full_rate():
 
 
 @pytest.mark.slow
-def test_history_has_the_decimation_and_live_sound_and_a_rerun_give_the_same(
-    uwtrack, tmp_path
-):
+def test_history_has_the_decimation_and_live_sound_and_a_rerun_give_the_same(uwtrack, tmp_path):
     memory = io.BytesIO()
     some = passage()[60 * RATE_HZ : 80 * RATE_HZ]
     soundfile.write(memory, some, RATE_HZ, "PCM_16", format="WAV")

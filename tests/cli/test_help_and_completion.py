@@ -28,9 +28,7 @@ def test_help_without_a_name_lists_every_command(uwtrack):
 def test_help_with_a_name_is_the_help_of_the_command(uwtrack):
     asked, own = uwtrack("help", "peaks"), uwtrack("peaks", "--help")
     assert asked.exit_code == 0
-    assert asked.stdout.replace("uwtrack peaks", "") == own.stdout.replace(
-        "uwtrack peaks", ""
-    )
+    assert asked.stdout.replace("uwtrack peaks", "") == own.stdout.replace("uwtrack peaks", "")
     assert "--false-alarm-probability" in asked.stdout
 
 
@@ -104,9 +102,7 @@ def test_bash_completes_commands_options_and_names(tmp_path):
 
 
 @pytest.mark.parametrize("typed", ["noise", "nose.wav", "noise.wv"])
-def test_a_file_that_is_not_there_is_told_with_what_is_nearest(
-    uwtrack, noise_wav, typed
-):
+def test_a_file_that_is_not_there_is_told_with_what_is_nearest(uwtrack, noise_wav, typed):
     done = uwtrack("run", typed)
     assert done.exit_code == 1
     assert f"{typed} does not exist. Did you mean {noise_wav.name}?" in done.stderr

@@ -17,13 +17,7 @@ from matplotlib.figure import Figure
 from uwtrack_cli.cli.console import put, say, show_table
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.files.hdf5.product import read_product
-from uwtrack_cli.files.text_escaping import (
-    csv_cell,
-    figure_text,
-    html_text,
-    plain_text,
-    xml_text,
-)
+from uwtrack_cli.files.text_escaping import csv_cell, figure_text, html_text, plain_text, xml_text
 
 SENSOR = '=HYPERLINK("http://x";"y")[/x][b]a$^$b<i>&amp;'
 NAME = "pass[left][bold]\x1b[31m\n\x9b$^$<b>=1.wav"
@@ -46,9 +40,7 @@ def hostile(tmp_path_factory, short_pass):
         'kind = "difar"\nchannels = ["omni", "east", "north"]\n'
     )
     words = ["run", folder / NAME, "--sensor", folder / "sensor.toml", "-v"]
-    done = CliRunner().invoke(
-        app, [*map(str, words), "-o", str(folder / "p\x1b.run.h5")]
-    )
+    done = CliRunner().invoke(app, [*map(str, words), "-o", str(folder / "p\x1b.run.h5")])
     assert done.exit_code == 0, done.output
     assert f"wrote {folder}" in done.stderr
     assert SENSOR in done.stderr.replace("\n", "").replace(" ", "")
@@ -95,8 +87,7 @@ def test_a_spreadsheet_finds_no_formula(uwtrack, hostile):
         text = target.read_text()
         assert not STEERING.search(text)
         delimiter = "," if form == "csv" else "\t"
-        cells = [c for row in csv.reader(io.StringIO(text), delimiter=delimiter)
-                 for c in row]  # fmt: skip
+        cells = [c for row in csv.reader(io.StringIO(text), delimiter=delimiter) for c in row]
         assert f"'{SENSOR}" in cells
         assert not [c for c in cells if c.startswith("=")]
         if form == "raven":

@@ -24,13 +24,7 @@ def test_what_is_given_stands_in_the_file_and_the_rest_as_comments(uwtrack, tmp_
 
 def test_a_comment_that_is_taken_off_is_read(tmp_path):
     text = sensor_file({"id": "h1", "kind": "omni"})
-    for key in (
-        "latitude",
-        "longitude",
-        "position_std_m",
-        "depth_std_m",
-        "clock_std_s",
-    ):
+    for key in ("latitude", "longitude", "position_std_m", "depth_std_m", "clock_std_s"):
         text = text.replace(f"# {key} =", f"{key} =")
     (tmp_path / "a.toml").write_text(text)
     assert load_sensor(tmp_path / "a.toml").longitude == 128.5
@@ -54,10 +48,7 @@ def test_a_deployment_file_grows_sensor_by_sensor(uwtrack, tmp_path):
     (tmp_path / "all.toml").write_text(text)
     from uwtrack_cli.files.tables.sensors import load_deployment
 
-    assert [one.sensor.id for one in load_deployment(tmp_path / "all.toml")] == [
-        "a",
-        "b",
-    ]
+    assert [one.sensor.id for one in load_deployment(tmp_path / "all.toml")] == ["a", "b"]
 
 
 @pytest.mark.parametrize(
@@ -66,10 +57,7 @@ def test_a_deployment_file_grows_sensor_by_sensor(uwtrack, tmp_path):
         (["--latitude", "3"], "latitude is given without longitude"),
         (["--kind", "array"], "an array needs a channel"),
         (["--kind", "dipole"], "must be one of"),
-        (
-            ["--element-along-m", "1,two"],
-            "numbers with commas between them, got '1,two'",
-        ),
+        (["--element-along-m", "1,two"], "numbers with commas between them, got '1,two'"),
     ],
 )
 def test_what_the_program_would_not_read_is_refused(uwtrack, words, told):

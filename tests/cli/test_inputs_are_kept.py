@@ -59,9 +59,7 @@ def made(tmp_path_factory, samples):
     for name in ("bearings", "own-ship", "scans", "contacts", "observer"):
         shutil.copy(samples / f"{name}.csv", folder)
     phase = 2.0 * np.pi * 7500.0 / 48_000 * np.arange(48_000)
-    soundfile.write(
-        folder / "buoy.wav", 0.1 * (np.sin(phase) - np.sin(2 * phase)), 48_000
-    )
+    soundfile.write(folder / "buoy.wav", 0.1 * (np.sin(phase) - np.sin(2 * phase)), 48_000)
     (folder / "buoy.sensor.toml").write_text('id = "b1"\nkind = "difar-multiplexed"\n')
     (folder / "roc.csv").write_text(
         "false_alarm_probability,detection_probability\n1e-4,0.5\n1e-3,0.7\n1e-2,0.9\n"
@@ -96,7 +94,8 @@ CASES: dict[str, list[tuple[str, str, str]]] = {
         (f"{SOUND} --recipe mine.toml -o out --jobs 1", f"out/{name}", files)
         for name in ("pass.run.h5", "batch.csv", "batch.jsonl")
         for files in (SOUND_FILES + " mine.toml",)
-    ] + [("pass.wav -o out --jobs 1", "out/pass.run.h5", FOUND_FILES)],
+    ]
+    + [("pass.wav -o out --jobs 1", "out/pass.run.h5", FOUND_FILES)],
     "recipes": [("--graph mine.toml -o aim.svg", "aim.svg", "mine.toml")],
     "rerun": [("pass.run.h5 -o aim.h5", "aim.h5", "pass.run.h5 pass.wav")],
     "difar": [("buoy.wav -o aim.wav", "aim.wav", "buoy.wav buoy.sensor.toml")],
@@ -109,8 +108,7 @@ CASES: dict[str, list[tuple[str, str, str]]] = {
         ("pass.wav -o aim.h5", "aim.h5", FOUND_FILES),
     ],
     "beamform": [
-        ("array.wav --own-ship way.csv -o aim.h5", "aim.h5",
-         "array.wav array.sensor.toml way.csv"),
+        ("array.wav --own-ship way.csv -o aim.h5", "aim.h5", "array.wav array.sensor.toml way.csv")
     ],
     "track-bearings": [("array.beams.h5 -o aim.h5", "aim.h5", "array.beams.h5")],
     "delays": [("small.wav -o aim.h5", "aim.h5", "small.wav small.sensor.toml")],
@@ -133,18 +131,12 @@ CASES: dict[str, list[tuple[str, str, str]]] = {
     "cpa": [(f"{PEAKS} -o aim.h5", "aim.h5", PEAKS)],
     "locate": [(f"{PEAKS} -o aim.h5", "aim.h5", PEAKS)],
     "tma": [
-        ("bearings.csv --own-ship own-ship.csv -o aim.h5", "aim.h5",
-         "bearings.csv own-ship.csv"),
+        ("bearings.csv --own-ship own-ship.csv -o aim.h5", "aim.h5", "bearings.csv own-ship.csv")
     ],
-    "forecast": [
-        ("own-ship.csv way.csv -o aim.csv", "aim.csv", "own-ship.csv way.csv"),
-    ],
-    "pdaf": [
-        ("scans.csv --roc roc.csv -o aim.h5", "aim.h5", "scans.csv roc.csv"),
-    ],
+    "forecast": [("own-ship.csv way.csv -o aim.csv", "aim.csv", "own-ship.csv way.csv")],
+    "pdaf": [("scans.csv --roc roc.csv -o aim.h5", "aim.h5", "scans.csv roc.csv")],
     "discriminate": [
-        ("contacts.csv --own-ship observer.csv -o aim.h5", "aim.h5",
-         "contacts.csv observer.csv"),
+        ("contacts.csv --own-ship observer.csv -o aim.h5", "aim.h5", "contacts.csv observer.csv")
     ],
     "plot": [
         (f"{PEAKS} -o aim.png", "aim.png", PEAKS),
@@ -157,15 +149,14 @@ CASES: dict[str, list[tuple[str, str, str]]] = {
     ],
     "report": [(f"{PEAKS} -o aim.html", "aim.html", PEAKS)],
     "export": [
-        (f"{PEAKS} --to {form} -o aim.x", "aim.x", PEAKS)
-        for form in ("csv", "raven", "netcdf")
+        (f"{PEAKS} --to {form} -o aim.x", "aim.x", PEAKS) for form in ("csv", "raven", "netcdf")
     ],
     "simulate": [
         ("scene.toml -o out/scene.wav", f"out/scene.{ending}", "scene.toml")
         for ending in ("wav", "sensor.toml", "truth.json")
     ],
     "sample": [("mono -o out", "out/mono.{}", "")],
-}  # fmt: skip
+}
 """Arguments of each command, the name of its output, and the files that it reads."""
 
 
@@ -314,10 +305,7 @@ JUSTIFIED = {
     ("flow/batch_report.py", "path.read_text"): "refused where it is an input",
     ("files/limited_process.py", "os.open"): "the null device",
     ("files/limited_process.py", "open"): "what the system says of this process",
-    (
-        "flow/exports/passage_tables.py",
-        "path.read_bytes",
-    ): "a temporary file of its own",
+    ("flow/exports/passage_tables.py", "path.read_bytes"): "a temporary file of its own",
     ("files/hdf5/writer.py", "np.memmap"): "a temporary file of its own",
     ("files/audio/recording_file.py", "path.open"): "a temporary file of its own",
     ("cli/__init__.py", "open"): "the null device, to write to",

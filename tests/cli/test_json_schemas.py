@@ -75,12 +75,8 @@ SHOWN = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("file", "name"), [(f, n) for f, names in SHOWN.items() for n in names]
-)
-def test_what_show_prints_of_the_samples_satisfies_its_schema(
-    uwtrack, products, file, name
-):
+@pytest.mark.parametrize(("file", "name"), [(f, n) for f, names in SHOWN.items() for n in names])
+def test_what_show_prints_of_the_samples_satisfies_its_schema(uwtrack, products, file, name):
     done = uwtrack("show", products / file, name, "--format", "json")
     assert done.exit_code == 0, done.output
     printed = json.loads(done.stdout)

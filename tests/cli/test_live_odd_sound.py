@@ -39,10 +39,7 @@ def drawn(seed):
     """Sound of a passage with a long silence, in which one to three more things go wrong."""
     rng = np.random.default_rng(seed)
     sound = passage(rng)
-    odd = [
-        ("silence", 8.0),
-        *((k, 0.2) for k in rng.choice(ODDITIES, rng.integers(1, 4))),
-    ]
+    odd = [("silence", 8.0), *((k, 0.2) for k in rng.choice(ODDITIES, rng.integers(1, 4)))]
     for kind, least_s in odd:
         length = int(RATE_HZ * np.exp(rng.uniform(np.log(least_s), np.log(20.0))))
         first = int(rng.integers(sound.shape[0] - length))
@@ -63,12 +60,9 @@ def drawn(seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "seed",
-    [*range(900, 903), *(pytest.param(k, marks=pytest.mark.long) for k in range(903, 920))],
-)  # fmt: skip
-def test_drawn_sound_through_a_pipe_gives_the_product_of_its_file(
-    uwtrack, seed, tmp_path
-):
+    "seed", [*range(900, 903), *(pytest.param(k, marks=pytest.mark.long) for k in range(903, 920))]
+)
+def test_drawn_sound_through_a_pipe_gives_the_product_of_its_file(uwtrack, seed, tmp_path):
     memory = io.BytesIO()
     soundfile.write(memory, drawn(seed), int(RATE_HZ), "FLOAT", format="WAV")
     (tmp_path / "a.wav").write_bytes(memory.getvalue())

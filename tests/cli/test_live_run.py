@@ -53,9 +53,7 @@ def unstated(content):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("form", ["whole", "unstated", "raw"])
-def test_sound_from_a_pipe_makes_the_product_of_the_file(
-    uwtrack, recorded, sound, form
-):
+def test_sound_from_a_pipe_makes_the_product_of_the_file(uwtrack, recorded, sound, form):
     content = sound.read_bytes()
     words = ["run", "-", "-o", "live.h5", "-q"]
     if form == "unstated":
@@ -101,9 +99,7 @@ def test_a_recipe_with_two_sources_reads_a_pipe_once(uwtrack, sound, tmp_path):
     ],
 )
 @pytest.mark.filterwarnings("ignore::uwtrack_cli.errors.UwtrackWarning")
-def test_every_sensor_and_recipe_works_live_with_events(
-    uwtrack, samples, tmp_path, sample, recipe
-):
+def test_every_sensor_and_recipe_works_live_with_events(uwtrack, samples, tmp_path, sample, recipe):
     """Looked at after 20 s, by way of envelope and arrays, too; the file is the same."""
     facts = soundfile.info(samples / f"{sample}.wav")
     values, rate_hz = soundfile.read(
@@ -160,12 +156,7 @@ def test_the_first_signal_ends_the_sound_and_the_second_the_command(number):
         (("a.wav", "--raw", "s16le"), b"", 2, "--raw is for sound that comes through"),
         (("a.wav", "--idle-s", "3"), b"", 2, "--idle-s is for sound that comes"),
         (("-", "--raw", "s16le", "--rate-hz", "1000"), bytes(99), 1, "too short for"),
-        (
-            ("-", "--raw", "u8", "--rate-hz", "1000"),
-            b"12.5, 3\n" * 999,
-            1,
-            "gives text",
-        ),
+        (("-", "--raw", "u8", "--rate-hz", "1000"), b"12.5, 3\n" * 999, 1, "gives text"),
         (("-", "--start-utc", "soon"), b"x", 2, "cannot be understood"),
     ],
 )
@@ -275,9 +266,7 @@ def test_a_signal_finishes_the_product(uwtrack, start, tmp_path, number):
 
 def test_frames_that_are_longer_than_live_sound_are_left_out_and_said(uwtrack, sound):
     header, samples = sound.read_bytes()[:44], sound.read_bytes()[44:]
-    piped = uwtrack(
-        "run", "-", "-o", "short.h5", input=header + samples[: 2 * RATE * 3]
-    )
+    piped = uwtrack("run", "-", "-o", "short.h5", input=header + samples[: 2 * RATE * 3])
     assert piped.exit_code == 0
     assert "lasts 3 s, less than a frame of slow-spectrogram" in piped.stderr
     held = uwtrack("info", "short.h5", "-v").stdout

@@ -21,9 +21,8 @@ except SystemExit as end:
 def loaded(folder, *words):
     """Names of the modules that a command has loaded at its end."""
     done = subprocess.run(
-        [sys.executable, "-c", CODE, *words],
-        cwd=folder, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        [sys.executable, "-c", CODE, *words], cwd=folder, capture_output=True, text=True, check=True
+    )
     return set(done.stderr.splitlines()[-1].split())
 
 

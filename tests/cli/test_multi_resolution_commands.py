@@ -60,18 +60,13 @@ def test_lines_of_all_rungs_are_one_table(uwtrack, sound, ladder):
     assert np.median(steady) == 8.0
     assert np.median(moving) < 8.0
     # --step selects one rung: what is shown, exported and drawn, and what is read
-    shown = uwtrack(
-        "show", "two.lines.h5", "lines", "--step", "track-8s", "--format", "csv"
-    )
+    shown = uwtrack("show", "two.lines.h5", "lines", "--step", "track-8s", "--format", "csv")
     told = [line.rsplit(",", 1)[1] for line in shown.stdout.splitlines()]
     assert told == ["window_s", *["8.0"] * np.count_nonzero(lines.window_s == 8.0)]
     out = ("--to", "csv", "--table", "lines", "-o", "one.csv")
     assert uwtrack("export", "two.lines.h5", *out, "--step", "track-8s").exit_code == 0
     assert Path("one.csv").read_text().count("\n") == len(told)
-    assert (
-        uwtrack("track", ladder, "--step", "peaks-1s", "-o", "one.lines.h5").exit_code
-        == 0
-    )
+    assert uwtrack("track", ladder, "--step", "peaks-1s", "-o", "one.lines.h5").exit_code == 0
     with read_product("one.lines.h5") as product:
         assert product.read(Lines).window_s is None
     # what follows takes them, or says what to do
@@ -89,9 +84,7 @@ def test_lines_of_all_rungs_are_one_table(uwtrack, sound, ladder):
 def test_a_picture_of_each_rung_is_drawn(uwtrack):
     done = uwtrack("plot", "two.spectrogram.h5", "-o", "usual.png")
     assert done.exit_code == 0, done.output
-    done = uwtrack(
-        "plot", "two.spectrogram.h5", "--step", "spectrogram-8s", "-o", "8.png"
-    )
+    done = uwtrack("plot", "two.spectrogram.h5", "--step", "spectrogram-8s", "-o", "8.png")
     assert done.exit_code == 0, done.output
     assert Path("8.png").read_bytes() != Path("usual.png").read_bytes()
 

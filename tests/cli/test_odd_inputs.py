@@ -138,6 +138,4 @@ def test_a_report_that_is_ended_leaves_nothing(start, timed_run, tmp_path, name)
         _, said = running.communicate(timeout=250)
         assert "Traceback" not in said
         assert list((tmp_path / "temporary").iterdir()) == []
-        assert {path.name for path in tmp_path.iterdir()} <= (
-            {"a.run.h5", "temporary", "a.html"}
-        )
+        assert {path.name for path in tmp_path.iterdir()} <= ({"a.run.h5", "temporary", "a.html"})

@@ -40,9 +40,7 @@ def test_an_old_recipe_is_that_of_the_new_names():
     assert old == Recipe.from_toml("mine", new.replace("ask_sound", "rest_frame_test"))
     assert load_recipe("ladder") == load_recipe("multi-resolution")
     setting = ["rises.least_spreads=8", "cpa.ask_sound=false"]
-    steps = {
-        step.name: step for step in load_recipe("auto").with_settings(setting).steps
-    }
+    steps = {step.name: step for step in load_recipe("auto").with_settings(setting).steps}
     assert steps["transients"].options == {"least_spreads": 8.0}
     assert steps["cpa"].options["rest_frame_test"] is False
     with pytest.raises(OptionError, match="both are given"):

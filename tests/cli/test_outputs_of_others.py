@@ -100,8 +100,7 @@ def test_another_recipe_replaces_products_when_asked(folder, uwtrack):
     other = (*BATCH, "--resume", "--set", "cpa.source_depth_m=4")
     assert uwtrack(*other).exit_code == 3
     assert (
-        "was made by another recipe: give --overwrite"
-        in (folder / "out" / "batch.csv").read_text()
+        "was made by another recipe: give --overwrite" in (folder / "out" / "batch.csv").read_text()
     )
     assert path.read_bytes() == content
     assert uwtrack(*other, "--overwrite").exit_code == 0

@@ -46,10 +46,7 @@ def test_the_sample_passage_is_found_within_the_bands_of_a_clean_recording(
     assert row["course_deg"] == pytest.approx(truth["course_deg"], abs=1.5)
     assert row["time_utc"].startswith("2024-05-01T12:02:28")
     assert abs(row["speed_mps"] - truth["speed_mps"]) < 4 * row["speed_std_mps"]
-    assert (
-        abs(row["slant_range_m"] - truth["slant_range_m"])
-        < 4 * row["slant_range_std_m"]
-    )
+    assert abs(row["slant_range_m"] - truth["slant_range_m"]) < 4 * row["slant_range_std_m"]
 
 
 @pytest.mark.parametrize("form", ["csv", "json", "jsonl", "table"])
@@ -90,10 +87,7 @@ def test_info_fits_ten_lines(uwtrack, product, short_pass):
     sound = uwtrack("info", short_pass).stdout.splitlines()
     assert sound[1:4] == [lines[1], lines[2], lines[4]]
     refused = uwtrack("info", short_pass, "--json")
-    assert (refused.exit_code, "--json describes result files" in refused.stderr) == (
-        2,
-        True,
-    )
+    assert (refused.exit_code, "--json describes result files" in refused.stderr) == (2, True)
 
 
 def test_info_of_a_folder_tells_what_follows(uwtrack, tmp_path):
@@ -140,9 +134,7 @@ def test_a_page_is_drawn(uwtrack, product, tmp_path, suffix):
 
 
 @pytest.mark.slow
-def test_a_product_comes_through_a_pipe_and_goes_on_through_one(
-    uwtrack, product, tmp_path
-):
+def test_a_product_comes_through_a_pipe_and_goes_on_through_one(uwtrack, product, tmp_path):
     data = (tmp_path / product).read_bytes()
     done = uwtrack("cpa", "-", input=data)
     assert done.exit_code == 0
@@ -228,10 +220,7 @@ def test_an_interrupt_that_python_could_not_pass_on_is_not_lost():
 def test_a_table_comes_through_standard_input_as_from_a_file(uwtrack, tmp_path):
     time = np.arange(-60.0, 61.0, 2.0)
     shift = -5.0 / 1500.0 * 5.0 * time / np.sqrt(150.0**2 + (5.0 * time) ** 2)
-    rows = [
-        f"{t + 60:g},{100.0 * (1 + s):.6f},0.01"
-        for t, s in zip(time, shift, strict=True)
-    ]
+    rows = [f"{t + 60:g},{100.0 * (1 + s):.6f},0.01" for t, s in zip(time, shift, strict=True)]
     text = "time_s,frequency_hz,frequency_std_hz\n" + "\n".join(rows) + "\n"
     (tmp_path / "series.csv").write_text(text)
     made = [

@@ -66,9 +66,7 @@ def day(tmp_path_factory):
 @pytest.fixture
 def recorder(uwtrack, tmp_path):
     """The command, beside the sensor's file."""
-    (tmp_path / "m1.toml").write_text(
-        'id = "m1"\ndepth_m = 15.0\nfull_scale_db = 145\n'
-    )
+    (tmp_path / "m1.toml").write_text('id = "m1"\ndepth_m = 15.0\nfull_scale_db = 145\n')
     return uwtrack
 
 
@@ -152,9 +150,7 @@ def test_a_new_file_costs_its_own_part(recorder, tmp_path):
     assert len(json.loads(alone.stdout)) == 6
 
 
-def test_a_sensor_file_that_is_missing_is_told_once_before_the_work(
-    recorder, day, tmp_path
-):
+def test_a_sensor_file_that_is_missing_is_told_once_before_the_work(recorder, day, tmp_path):
     done = recorder("batch", day, "-o", "out", "--sensor", "none.toml")
     assert done.exit_code == 1
     assert done.stderr.strip() == "error: none.toml does not exist."

@@ -63,9 +63,7 @@ def test_a_missed_vessel_ends_with_four(uwtrack, runs, samples, tmp_path):
     truth["encounters"][0]["time_s"] = 20.0
     (tmp_path / "other.truth.json").write_text(json.dumps(truth))
     (tmp_path / "t.toml").write_text("[encounters]\nmissed = 0\nfalse = 0\n")
-    done = uwtrack(
-        "score", runs / "one.h5", "--truth", "other.truth.json", "--tolerance", "t.toml"
-    )
+    done = uwtrack("score", runs / "one.h5", "--truth", "other.truth.json", "--tolerance", "t.toml")
     assert done.exit_code == 4
     assert "missed: ferry (1)" in done.stderr
     assert "1 encounters false, 0 accepted" in done.stderr
@@ -81,9 +79,7 @@ def test_a_changed_option_shows_in_the_numbers(uwtrack, runs):
     done = uwtrack("diff", runs / "short.h5", runs / "depth.h5")
     assert done.exit_code == 4
     assert "encounters.slant_range_m" in done.stdout
-    rows = json.loads(
-        uwtrack("diff", runs / "short.h5", runs / "depth.h5", "--json").stdout
-    )
+    rows = json.loads(uwtrack("diff", runs / "short.h5", runs / "depth.h5", "--json").stdout)
     kinds = {row["container"] for row in rows}
     assert kinds == {"encounters", "fixes", "presence", "radiated"}
     files = runs / "short.h5", runs / "depth.h5"
@@ -127,9 +123,7 @@ def test_a_table_with_times_and_its_sensor_is_scored_against_ais(uwtrack, tmp_pa
     (tmp_path / "ais.csv").write_text("\n".join([heads, *lines]))
     made = uwtrack("cpa", "t.csv", "--sensor", "m1.toml", "-o", "e.h5")
     assert made.exit_code == 0, made.output
-    (row,) = json.loads(
-        uwtrack("show", "e.h5", "encounters", "--format", "json").stdout
-    )
+    (row,) = json.loads(uwtrack("show", "e.h5", "encounters", "--format", "json").stdout)
     assert row["sensor"] == "m1"
     assert row["horizontal_range_m"] == pytest.approx(200.0, abs=10.0)
     found = json.loads(uwtrack("score", "e.h5", "--truth", "ais.csv", "--json").stdout)

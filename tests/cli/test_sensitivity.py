@@ -11,9 +11,7 @@ PROMISE = re.compile(
     r"other time(; the detection threshold is ([\d.]+) dB)?"
 )
 
-MEASURED = re.compile(
-    r"; the recording's own noise gives ([\d.]+) per kHz and hour, as measured"
-)
+MEASURED = re.compile(r"; the recording's own noise gives ([\d.]+) per kHz and hour, as measured")
 
 
 @pytest.fixture

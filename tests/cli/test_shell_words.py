@@ -29,9 +29,7 @@ def code_unread(folder, *words):
 
 
 @pytest.mark.slow
-def test_an_exit_code_that_is_an_answer_survives_a_closed_pipe(
-    tmp_path, short_run, timed_run
-):
+def test_an_exit_code_that_is_an_answer_survives_a_closed_pipe(tmp_path, short_run, timed_run):
     assert code_unread(tmp_path, "diff", short_run, timed_run) == 4
     assert code_unread(tmp_path, "diff", short_run, timed_run, "--json") == 4
     assert code_unread(tmp_path, "show", short_run, "lines") == 0
@@ -40,9 +38,7 @@ def test_an_exit_code_that_is_an_answer_survives_a_closed_pipe(
     assert code_unread(tmp_path, "verify", short_run, "cut.h5") == 1
 
 
-def test_sound_from_a_file_is_not_overwritten_and_that_is_said_first(
-    tmp_path, noise_wav
-):
+def test_sound_from_a_file_is_not_overwritten_and_that_is_said_first(tmp_path, noise_wav):
     content = noise_wav.read_bytes()
     with noise_wav.open("rb") as sound:
         done = subprocess.run(

@@ -6,11 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from studies import (
-    line_comb,
-    line_sound,
-    line_tracking,
-)
+from studies import line_comb, line_sound, line_tracking
 from studies.catalogue import STUDIES
 from studies.line_sound import LineTrial
 from studies.line_tracking import RunFigures

@@ -61,16 +61,12 @@ def test_json_is_that_of_show(uwtrack, commands, tmp_path, kind):
     assert done.stdout == shown.stdout
     whole = json.loads(done.stdout)
     assert whole["container"] == kind.NAME
-    names = {
-        key for rows in whole.values() if isinstance(rows, list) for key in rows[0]
-    }
+    names = {key for rows in whole.values() if isinstance(rows, list) for key in rows[0]}
     ragged = {"reason_pair", "reason_key", "reason_text"}
     assert names - {"reasons"} == set(kind.columns()) - ragged
 
 
-def test_json_of_a_target_lists_the_associations_of_each_scan(
-    uwtrack, commands, tmp_path
-):
+def test_json_of_a_target_lists_the_associations_of_each_scan(uwtrack, commands, tmp_path):
     done = uwtrack(*commands["target"], "-o", tmp_path / "x.h5", "--json")
     whole = json.loads(done.stdout)
     for row in whole["scan"]:
@@ -101,9 +97,7 @@ def test_a_lost_target_is_stated_as_lost(uwtrack, samples, tmp_path):
     assert "its score no longer rises" in done.stderr
 
 
-def test_targets_that_nobody_told_are_numbered_in_every_form(
-    uwtrack, samples, tmp_path
-):
+def test_targets_that_nobody_told_are_numbered_in_every_form(uwtrack, samples, tmp_path):
     done = uwtrack(
         "pdaf", samples / "scans.csv", *PDAF, "--targets", "auto", "--threshold", "fixed",
         "--detector-false-alarm-probability", 0.03, "-o", tmp_path / "t.h5", "--json",
@@ -124,7 +118,6 @@ def test_a_wrong_density_of_clutter_is_said(uwtrack, commands, tmp_path):
     wrong = uwtrack(*commands["target"], "-o", tmp_path / "t.h5")
     assert "0.10 ± 0.01 times as many false measurements as given" in wrong.stderr
     right = uwtrack(
-        *commands["target"], "--detector-false-alarm-range", 1e-4, 0.03,
-        "-o", tmp_path / "u.h5",
-    )  # fmt: skip
+        *commands["target"], "--detector-false-alarm-range", 1e-4, 0.03, "-o", tmp_path / "u.h5"
+    )
     assert "as told" not in right.stderr

@@ -78,9 +78,7 @@ def test_a_name_reaches_every_output_of_a_run(uwtrack, named, short_pass, ais):
     with read_product("pass.run.h5") as product:
         assert product.read(Encounters).ais_name == ais.name
     assert re.search(r"FERRY \d+ %", uwtrack("show", "pass.run.h5").stdout)
-    (passage,) = json.loads(
-        uwtrack("passages", "pass.run.h5", "--to", "json", "--fresh").stdout
-    )
+    (passage,) = json.loads(uwtrack("passages", "pass.run.h5", "--to", "json", "--fresh").stdout)
     assert (passage["vessel"], passage["mmsi"]) == ("FERRY", "235000001")
     assert passage["vessel_probability"] == row["vessel"]["probability"]
     for form in ("csv", "geojson"):
@@ -120,9 +118,7 @@ def test_a_batch_names_and_makes_again_what_another_table_named(
         (row,) = json.loads(done.stdout)
         names = [e["vessel"] and e["vessel"]["name"] for e in row["encounters"]]
         statuses.append((row["status"], *names))
-    assert statuses == [
-        ("done", None), ("done", "FERRY"), ("resumed", "FERRY"), ("done", None)
-    ]  # fmt: skip
+    assert statuses == [("done", None), ("done", "FERRY"), ("resumed", "FERRY"), ("done", None)]
     (encounter,) = row["encounters"]
     assert encounter["reasons"]["vessel"].endswith("within 100 m fits")
 
@@ -142,9 +138,7 @@ def test_what_ais_cannot_name_is_refused_before_the_work(
     assert "passages --ais" in live.stderr
 
 
-def test_a_table_of_another_time_is_told_with_its_times(
-    uwtrack, short_pass, ais, tmp_path
-):
+def test_a_table_of_another_time_is_told_with_its_times(uwtrack, short_pass, ais, tmp_path):
     other = tmp_path / "other.csv"
     other.write_text(ais.read_text().replace("2024-05-01", "2023-05-01"))
     words = ["run", short_pass, "--start-utc", START, "-o", "p.run.h5"]

@@ -96,9 +96,7 @@ def test_a_table_leaves_out_what_it_can_spare_and_breaks_no_word(capsys):
     assert "y" * 70 in capsys.readouterr().out
 
 
-def test_a_warning_that_many_recordings_share_is_said_once(
-    uwtrack, noise_wav, tmp_path
-):
+def test_a_warning_that_many_recordings_share_is_said_once(uwtrack, noise_wav, tmp_path):
     (tmp_path / "in").mkdir()
     for name in ("a", "b", "c"):
         target = tmp_path / "in" / f"{name}.wav"

@@ -62,8 +62,7 @@ def polar_run(seed, scans=40, turn_deg=0.0):
         each[:, 1] = (each[:, 1] + turn_deg) % 360.0
     scans = table_of(lists, ["m", "deg"], [RANGE_STD_M, BEARING_STD_DEG])
     angle = math.radians(turn_deg)
-    turned = np.array([[math.cos(angle), math.sin(angle)],
-                       [-math.sin(angle), math.cos(angle)]])  # fmt: skip
+    turned = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
     truth = np.array(truth)
     truth[:, ::2], truth[:, 1::2] = truth[:, ::2] @ turned.T, truth[:, 1::2] @ turned.T
     start = turned @ np.array([[1500.0, -3.0], [-2500.0, 5.0]])
@@ -128,15 +127,11 @@ def test_order_of_range_and_bearing_does_not_matter():
         scans, measured=scans.measured[:, ::-1],
         measured_std=scans.measured_std[:, ::-1], component_unit=["deg", "m"],
     )  # fmt: skip
-    np.testing.assert_array_equal(
-        follow(swapped, begin).state, follow(scans, begin).state
-    )
+    np.testing.assert_array_equal(follow(swapped, begin).state, follow(scans, begin).state)
 
 
 def test_the_track_begins_at_the_strongest_range_and_bearing():
-    scans = table_of(
-        [[[1000.0, 90.0, 9.0]], [[1000.0, 90.0, 9.0]]], ["m", "deg"], [10.0, 1.0]
-    )
+    scans = table_of([[[1000.0, 90.0, 9.0]], [[1000.0, 90.0, 9.0]]], ["m", "deg"], [10.0, 1.0])
     target = follow(scans, TargetStart(velocity_std=1.0))
     assert target.scan.tolist() == [2]
     np.testing.assert_allclose(target.state[0, ::2], [1000.0, 0.0], atol=0.2)
@@ -168,10 +163,10 @@ def bearing_scans(offset_deg, sign=1.0):
     lists = []
     for k in range(30):
         own = [[350.0 + k + 0.3 * rng.standard_normal(), 100.0, 9.0]]
-        false = np.stack([
-            350.0 + k + rng.uniform(-30.0, 30.0, 3), rng.uniform(95.0, 105.0, 3),
-            np.full(3, 4.0),
-        ], axis=1)  # fmt: skip
+        false = np.stack(
+            [350.0 + k + rng.uniform(-30.0, 30.0, 3), rng.uniform(95.0, 105.0, 3), np.full(3, 4.0)],
+            axis=1,
+        )
         scan = np.vstack([own, false])
         scan[:, 0] = sign * (scan[:, 0] + offset_deg)
         lists.append(scan)
@@ -181,9 +176,8 @@ def bearing_scans(offset_deg, sign=1.0):
 @pytest.mark.parametrize("threshold", ["fixed", "prior", "posterior", "region"])
 def test_a_bearing_passes_north_as_any_other_direction(threshold):
     begin = TargetStart(
-        position=[350.0, 100.0], velocity=[0.2, 0.0], position_std=1.0,
-        velocity_std=0.2, time_s=5.0,
-    )  # fmt: skip
+        position=[350.0, 100.0], velocity=[0.2, 0.0], position_std=1.0, velocity_std=0.2, time_s=5.0
+    )
     detector = replace(DETECTOR, cell_volume=1.0)
     options = {
         "threshold": threshold, "detector": detector,
@@ -196,9 +190,7 @@ def test_a_bearing_passes_north_as_any_other_direction(threshold):
         bearing_scans(-200.0), start=replace(begin, position=[150.0, 100.0]), **options
     )
     assert np.all((north.state[:, 0] >= 0.0) & (north.state[:, 0] < 360.0))
-    np.testing.assert_allclose(
-        (north.state[:, 0] - away.state[:, 0]) % 360.0, 200.0, atol=1e-6
-    )
+    np.testing.assert_allclose((north.state[:, 0] - away.state[:, 0]) % 360.0, 200.0, atol=1e-6)
     np.testing.assert_allclose(north.state[:, 1:], away.state[:, 1:], atol=1e-6)
     assert north.state[-1, 0] == pytest.approx(19.0, abs=1.0)
     assert not north.lost.any()

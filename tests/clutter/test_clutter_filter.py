@@ -59,9 +59,7 @@ def test_two_models_that_never_change_are_the_mixture_of_their_filters():
     after = weights / weights.sum()
     np.testing.assert_allclose(both.belief.probability[:, 0], after)
     assert found.miss[0] == pytest.approx(after @ [one.miss[0], two.miss[0]])
-    np.testing.assert_allclose(
-        found.weight[0], after @ np.stack([one.weight[0], two.weight[0]])
-    )
+    np.testing.assert_allclose(found.weight[0], after @ np.stack([one.weight[0], two.weight[0]]))
 
 
 @pytest.mark.parametrize("rule", ["fixed", "prior", "posterior"])
@@ -84,9 +82,7 @@ def test_the_region_is_searched_where_the_widest_model_reaches():
     ("cell", "snr"),
     [(3.0, 10.0), (30.0, 10.0), (30.0, 4.5), (90.0, 10.0), (150.0, 10.0), (1e4, 10.0)],
 )
-def test_the_two_step_rule_shrinks_to_the_smaller_radius_but_not_below_a_cell(
-    cell, snr
-):
+def test_the_two_step_rule_shrinks_to_the_smaller_radius_but_not_below_a_cell(cell, snr):
     from scipy.stats import norm
 
     scan = scan_of([[0.0, 0.0]], [5.0])
@@ -97,10 +93,7 @@ def test_the_two_step_rule_shrinks_to_the_smaller_radius_but_not_below_a_cell(
     assert chosen == float(prior.point.false_alarm[0])
     size = math.sqrt(np.linalg.det(2.25 * np.eye(2) + np.eye(2)))
     assert float(prior.gate_volume[0]) == pytest.approx(math.pi * 16.0 * size)
-    radii = (
-        3.0 - norm.ppf(float(found.point.detection[0])),
-        math.sqrt(-2.0 * math.log(chosen)),
-    )
+    radii = (3.0 - norm.ppf(float(found.point.detection[0])), math.sqrt(-2.0 * math.log(chosen)))
     one_cell = math.sqrt(cell / (math.pi * size))
     expected = min(max(min(radii), one_cell), 4.0)
     assert float(found.gate[0]) == pytest.approx(expected, rel=1e-9)

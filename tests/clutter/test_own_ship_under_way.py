@@ -66,10 +66,7 @@ def test_a_target_is_followed_past_a_ship_that_turns():
             lost += 1
             continue
         place = track.state_covariance[:, ::2, ::2]
-        squares += [
-            e @ np.linalg.solve(p, e)
-            for e, p in zip(error[10:], place[10:], strict=True)
-        ]
+        squares += [e @ np.linalg.solve(p, e) for e, p in zip(error[10:], place[10:], strict=True)]
     assert lost <= 2
     # she moves straight, so that the deviations, which allow for more, are not exceeded
     assert 0.5 < np.mean(squares) < 2.4
@@ -80,9 +77,8 @@ def test_two_targets_are_found_from_a_ship_that_turns():
     for seed in range(6):
         scans, ship, ways, _ = passing(seed, n_targets=2)
         target = track_in_clutter(
-            scans, navigation=ship, targets="auto", **OPTIONS,
-            start=TargetStart(velocity_std=10.0),
-        )  # fmt: skip
+            scans, navigation=ship, targets="auto", **OPTIONS, start=TargetStart(velocity_std=10.0)
+        )
         ends = target.state[target.scan == 50][:, ::2]
         away = np.hypot(*(ends[:, None] - ways[None, :, -1]).transpose(2, 0, 1))
         counts.append(int((away.min(axis=0) < 150.0).sum()) - max(len(ends) - 2, 0))
@@ -163,9 +159,7 @@ def test_tracks_begin_at_bearings_alone_with_filters_at_several_ranges():
             start=TargetStart(velocity_std=6.0, range_m=(500.0, 8000.0)), **BEARINGS,
         )  # fmt: skip
         assert found.model_probability.shape[1] == 1
-        ends = [
-            error(one, ways, rate)[1] for one in found.targets if one.scan[-1] == 50
-        ]
+        ends = [error(one, ways, rate)[1] for one in found.targets if one.scan[-1] == 50]
         squares += sorted(ends)[:1]
         extra += len(ends) - 1
     assert sum(square < 20.0 for square in squares) >= 10
@@ -185,7 +179,7 @@ def test_a_bearing_seen_from_beside_leads_to_the_same_track_as_its_mirror():
             (ways[0, 0] * [-1, 1]).tolist(), (rate[0] * [-1, 1]).tolist(), 300.0, 4.0
         ),
         **BEARINGS,
-    )  # fmt: skip
+    )
     np.testing.assert_allclose(other.state, one.state * flip, atol=1e-6)
     np.testing.assert_allclose(other.score, one.score, atol=1e-8)
 
@@ -225,9 +219,7 @@ def test_navigation_that_does_not_fit_is_refused(times, start_utc_ns, message):
     scans, *_ = passing(1)
     ship = ship_of(np.array(times), np.zeros((len(times), 2)), start_utc_ns)
     with pytest.raises(DataError, match=message):
-        track_in_clutter(
-            scans, navigation=ship, start=TargetStart(velocity_std=1.0), **OPTIONS
-        )
+        track_in_clutter(scans, navigation=ship, start=TargetStart(velocity_std=1.0), **OPTIONS)
 
 
 def test_the_command_takes_own_ship(uwtrack, tmp_path):

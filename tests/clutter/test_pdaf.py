@@ -6,11 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from studies.clutter_scans import (
-    ClutterScene,
-    constant_velocity_truth,
-    simulate_scan,
-)
+from studies.clutter_scans import ClutterScene, constant_velocity_truth, simulate_scan
 from studies.rows import load_reference
 from uwtrack_cli.clutter.options import Detector, TargetMotion, TargetStart
 from uwtrack_cli.clutter.pdaf import track_in_clutter
@@ -86,9 +82,7 @@ def test_the_recorded_tracks_are_met_to_1e_9(track):
     np.testing.assert_allclose(
         target.state_covariance, [s["P"] for s in steps], rtol=1e-9, atol=1e-9
     )
-    np.testing.assert_allclose(
-        target.miss_probability, [s["b0"] for s in steps], atol=1e-9
-    )
+    np.testing.assert_allclose(target.miss_probability, [s["b0"] for s in steps], atol=1e-9)
     for step, number in zip(steps, target.scan, strict=True):
         ours = target.association_probability[target.association_scan == number]
         theirs = np.array(step["beta"])
@@ -105,9 +99,7 @@ def test_every_rule_follows_a_clear_target_within_its_stated_deviation(rule):
         ),
     )  # fmt: skip
     error = target.state - truth
-    nees = np.einsum(
-        "si,sij,sj->s", error, np.linalg.inv(target.state_covariance), error
-    )
+    nees = np.einsum("si,sij,sj->s", error, np.linalg.inv(target.state_covariance), error)
     assert 1.0 < nees.mean() < 9.0
     assert not target.lost.any()
 
@@ -115,9 +107,8 @@ def test_every_rule_follows_a_clear_target_within_its_stated_deviation(rule):
 def test_the_probabilities_of_a_scan_sum_to_one():
     scans, _, begin = _simulated(seed=3)
     target = track_in_clutter(
-        scans, motion=MOTION, start=begin,
-        detector=Detector(snr_db=15.0, cell_volume=900.0),
-    )  # fmt: skip
+        scans, motion=MOTION, start=begin, detector=Detector(snr_db=15.0, cell_volume=900.0)
+    )
     total = target.miss_probability.copy()
     np.add.at(total, target.association_scan - 1, target.association_probability)
     np.testing.assert_allclose(total, 1.0, atol=1e-12)
@@ -127,9 +118,8 @@ def test_the_probabilities_of_a_scan_sum_to_one():
 def test_the_adaptive_threshold_rises_as_the_region_grows():
     scans, _, begin = _simulated(seed=4)
     target = track_in_clutter(
-        scans, motion=MOTION, start=begin,
-        detector=Detector(snr_db=15.0, cell_volume=900.0),
-    )  # fmt: skip
+        scans, motion=MOTION, start=begin, detector=Detector(snr_db=15.0, cell_volume=900.0)
+    )
     order = np.argsort(target.gate_volume)
     assert np.all(np.diff(target.threshold[order]) >= -1e-12)
     assert np.ptp(target.threshold) > 0.1
@@ -138,9 +128,7 @@ def test_the_adaptive_threshold_rises_as_the_region_grows():
 def test_a_shift_in_time_and_place_shifts_the_track_only():
     scans, _, begin = _simulated(seed=5)
     moved = replace(
-        scans,
-        time_s=scans.time_s + 1000.0,
-        measured=scans.measured + np.array([512.0, -256.0]),
+        scans, time_s=scans.time_s + 1000.0, measured=scans.measured + np.array([512.0, -256.0])
     )
     start = replace(
         begin, time_s=1000.0, position=[p + d for p, d in zip(
@@ -149,9 +137,7 @@ def test_a_shift_in_time_and_place_shifts_the_track_only():
     options = {"motion": MOTION, "detector": Detector(snr_db=15.0, cell_volume=900.0)}
     here = track_in_clutter(scans, start=begin, **options)
     there = track_in_clutter(moved, start=start, **options)
-    np.testing.assert_allclose(
-        there.state, here.state + np.array([512.0, 0, -256.0, 0]), atol=1e-7
-    )
+    np.testing.assert_allclose(there.state, here.state + np.array([512.0, 0, -256.0, 0]), atol=1e-7)
     np.testing.assert_allclose(there.time_s, here.time_s + 1000.0)
 
 
@@ -189,11 +175,11 @@ def test_a_target_that_vanishes_is_lost_and_its_score_says_so():
 def test_the_track_begins_at_the_strongest_measurement_when_no_start_is_given():
     scans, truth, _ = _simulated(seed=7, half_width=200.0, false_alarm=0.02)
     target = track_in_clutter(
-        scans, motion=MOTION, start=TargetStart(velocity_std=30.0),
-        detector=Detector(
-            snr_db=15.0, cell_volume=900.0, false_alarm_range=(1e-4, 0.02)
-        ),
-    )  # fmt: skip
+        scans,
+        motion=MOTION,
+        start=TargetStart(velocity_std=30.0),
+        detector=Detector(snr_db=15.0, cell_volume=900.0, false_alarm_range=(1e-4, 0.02)),
+    )
     error = target.state[:, ::2] - truth[-len(target.scan) :, ::2]
     assert np.hypot(*error[-1]) < 5.0 * target.state_std[-1, ::2].max()
 
@@ -241,12 +227,8 @@ def test_a_measured_curve_of_the_model_gives_the_models_track():
         threshold=np.full(400, np.nan),
     )
     options = {"motion": MOTION, "start": begin}
-    model = track_in_clutter(
-        scans, detector=Detector(snr_db=15.0, cell_volume=900.0), **options
-    )
-    table = track_in_clutter(
-        scans, roc, detector=Detector(cell_volume=900.0), **options
-    )
+    model = track_in_clutter(scans, detector=Detector(snr_db=15.0, cell_volume=900.0), **options)
+    table = track_in_clutter(scans, roc, detector=Detector(cell_volume=900.0), **options)
     np.testing.assert_allclose(table.state, model.state, atol=0.01)
 
 
@@ -342,9 +324,7 @@ def test_an_adaptive_threshold_without_amplitudes_is_refused():
 def test_a_start_after_the_last_scan_is_refused():
     start = replace(_golden_start(GOLDEN["tracks"][0]), time_s=99.0)
     with pytest.raises(DataError, match="no scan after the start"):
-        track_in_clutter(
-            _golden_scans(GOLDEN["tracks"][0]), **(_valid() | {"start": start})
-        )
+        track_in_clutter(_golden_scans(GOLDEN["tracks"][0]), **(_valid() | {"start": start}))
 
 
 def test_a_start_among_equals_without_amplitude_must_be_given():
@@ -375,9 +355,8 @@ def test_a_bad_measured_curve_is_refused(false_alarm, detection, message):
 
 def test_a_curve_with_rising_thresholds_is_refused():
     roc = Roc(
-        false_alarm_probability=[0.01, 0.1], detection_probability=[0.5, 0.6],
-        threshold=[1.0, 2.0],
-    )  # fmt: skip
+        false_alarm_probability=[0.01, 0.1], detection_probability=[0.5, 0.6], threshold=[1.0, 2.0]
+    )
     with pytest.raises(DataError, match="thresholds"):
         track_in_clutter(_golden_scans(GOLDEN["tracks"][0]), roc, **_valid())
 

@@ -47,9 +47,7 @@ def stone_soup(scans, start):
     from stonesoup.dataassociator.probability import JPDA
     from stonesoup.hypothesiser.probability import PDAHypothesiser
     from stonesoup.models.measurement.linear import LinearGaussian
-    from stonesoup.models.transition.linear import (
-        LinearGaussianTimeInvariantTransitionModel,
-    )
+    from stonesoup.models.transition.linear import LinearGaussianTimeInvariantTransitionModel
     from stonesoup.predictor.kalman import KalmanPredictor
     from stonesoup.types.detection import Detection
     from stonesoup.types.state import GaussianState
@@ -58,8 +56,7 @@ def stone_soup(scans, start):
 
     one = np.array([[0.25, 0.5], [0.5, 1.0]]) * MOTION.acceleration_std**2
     motion = LinearGaussianTimeInvariantTransitionModel(
-        np.kron(np.eye(2), [[1.0, 1.0], [0.0, 1.0]]),
-        covariance_matrix=np.kron(np.eye(2), one),
+        np.kron(np.eye(2), [[1.0, 1.0], [0.0, 1.0]]), covariance_matrix=np.kron(np.eye(2), one)
     )
     sensor = LinearGaussian(4, (0, 2), np.eye(2) * STD_M**2)
     updater = PDAUpdater(sensor)
@@ -70,29 +67,20 @@ def stone_soup(scans, start):
         )
     )  # fmt: skip
     begin = datetime(2001, 8, 27)  # noqa: DTZ001 - Stone Soup compares naive times
-    places, rates = (
-        np.reshape(start.position, (-1, 2)),
-        np.reshape(start.velocity, (-1, 2)),
-    )
+    places, rates = (np.reshape(start.position, (-1, 2)), np.reshape(start.velocity, (-1, 2)))
     spread = np.diag([STD_M**2, start.velocity_std**2] * 2)
     tracks = [
         Track([GaussianState(np.stack([p, v], 1).reshape(4, 1), spread, timestamp=begin)])
         for p, v in zip(places, rates, strict=True)
-    ]  # fmt: skip
+    ]
     for time_s in np.unique(scans.time_s):
         now = begin + timedelta(seconds=float(time_s) + 1.0)
-        rows = scans.measured[
-            (scans.time_s == time_s) & np.isfinite(scans.measured[:, 0])
-        ]
-        heard = {
-            Detection(z[:, None], timestamp=now, measurement_model=sensor) for z in rows
-        }
+        rows = scans.measured[(scans.time_s == time_s) & np.isfinite(scans.measured[:, 0])]
+        heard = {Detection(z[:, None], timestamp=now, measurement_model=sensor) for z in rows}
         hypotheses = associator.associate(set(tracks), heard, now)
         for track in tracks:
             track.append(updater.update(hypotheses[track]))
-    return np.array([
-        [np.asarray(s.mean, float)[:, 0] for s in track[1:]] for track in tracks
-    ])  # fmt: skip
+    return np.array([[np.asarray(s.mean, float)[:, 0] for s in track[1:]] for track in tracks])
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 10.0, 90.0])
@@ -161,10 +149,7 @@ def test_tracks_that_begin_by_themselves_cross_without_a_takeover_or_a_loss():
             at = np.flatnonzero(track.scan == before)
             if not at.size:
                 continue  # it begins later, or has ended: counted below
-            away = [
-                np.hypot(*(track.state[at[0], [0, 2]] - way[before - 1]))
-                for way in ways
-            ]
+            away = [np.hypot(*(track.state[at[0], [0, 2]] - way[before - 1])) for way in ways]
             crossed += 1
             swapped += at_end(track, ways) != int(np.argmin(away))
     assert crossed >= 190
@@ -196,9 +181,7 @@ def test_targets_are_found_and_counted_nearly_as_if_their_starts_were_told():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("density", "detection", "rate"), [(1e-5, 0.9, 100.0), (3e-5, 0.6, 100.0)]
-)
+@pytest.mark.parametrize(("density", "detection", "rate"), [(1e-5, 0.9, 100.0), (3e-5, 0.6, 100.0)])
 def test_clutter_begins_no_more_tracks_an_hour_than_stated(density, detection, rate):
     """Ville's bound, whatever the scores do on their way to it."""
     scans = false_only(11, 1500, density, 10.0)
@@ -236,9 +219,7 @@ def test_a_track_begins_with_its_target_and_ends_with_it():
         pieces.append(len(tracks))
         late.append(tracks[0].scan[0] - 26)
         off.append(track.scan[-1] - 55)
-        assert (
-            np.hypot(*(track.state[15, [0, 2]] - way[track.scan[15] - 26])) < 6 * STD_M
-        )
+        assert np.hypot(*(track.state[15, [0, 2]] - way[track.scan[15] - 26])) < 6 * STD_M
     assert np.mean(np.array(pieces) > 1) <= 0.1
     assert np.median(late) <= 2
     assert max(late) <= 10
@@ -246,9 +227,7 @@ def test_a_track_begins_with_its_target_and_ends_with_it():
     assert max(np.abs(off)) <= 10
 
 
-@pytest.mark.parametrize(
-    ("factor", "is_said"), [(1.0, False), (2.0 / 3.0, True), (2.0, True)]
-)
+@pytest.mark.parametrize(("factor", "is_said"), [(1.0, False), (2.0 / 3.0, True), (2.0, True)])
 def test_a_density_of_clutter_that_is_not_the_one_told_is_said(factor, is_said):
     """Of a density told a third too low, and of the right one."""
     density, said, ratios = 1e-4, [], []
@@ -264,9 +243,7 @@ def test_a_density_of_clutter_that_is_not_the_one_told_is_said(factor, is_said):
             detector=replace(DETECTOR, false_alarm_probability=900.0 * density * factor),
             start=TargetStart([0.0, 0.0], None, STD_M, 2.0),
         )  # fmt: skip
-        ratios.append(
-            (target.clutter_ratio * factor - 1.0) / (target.clutter_ratio_std * factor)
-        )
+        ratios.append((target.clutter_ratio * factor - 1.0) / (target.clutter_ratio_std * factor))
         said.append(any("times as many false" in text for text in target.statements))
     assert np.mean(said) >= 0.95 if is_said else not any(said)
     assert abs(np.mean(ratios)) < 4.0 / math.sqrt(20)
@@ -297,9 +274,9 @@ def test_targets_without_any_measurement_coast():
 def test_ranges_and_bearings_of_several_are_tracked_as_east_and_north():
     draw = np.random.default_rng(8)
     scan = np.repeat(np.arange(30), 2)
-    place = np.stack([
-        np.where(np.arange(60) % 2, 800.0, -700.0) + 4.0 * scan, 1500.0 - 3.0 * scan
-    ], axis=1)  # fmt: skip
+    place = np.stack(
+        [np.where(np.arange(60) % 2, 800.0, -700.0) + 4.0 * scan, 1500.0 - 3.0 * scan], axis=1
+    )
     distance = np.hypot(*place.T) + 5.0 * draw.standard_normal(60)
     bearing = np.degrees(np.arctan2(*place.T)) + 0.2 * draw.standard_normal(60)
     scans = replace(
@@ -339,9 +316,8 @@ def test_an_adaptive_threshold_of_several_is_refused():
     loud = replace(scans, amplitude=np.full(scans.scan.size, 9.0))
     with pytest.raises(OptionError, match="--threshold fixed"):
         track_in_clutter(
-            loud, detector=Detector(snr_db=15.0, cell_volume=900.0), motion=MOTION,
-            start=told(ways),
-        )  # fmt: skip
+            loud, detector=Detector(snr_db=15.0, cell_volume=900.0), motion=MOTION, start=told(ways)
+        )
 
 
 def test_one_scan_begins_no_track():

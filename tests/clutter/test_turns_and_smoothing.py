@@ -19,9 +19,8 @@ def follow(scans, way, motion=TURNS, **options):
     """Follow one target from where it is."""
     start = TargetStart(way[0].tolist(), (way[1] - way[0]).tolist(), STD_M, 2.0)
     return track_in_clutter(
-        scans, threshold="fixed", motion=motion, start=start,
-        **({"detector": DETECTOR} | options),
-    )  # fmt: skip
+        scans, threshold="fixed", motion=motion, start=start, **({"detector": DETECTOR} | options)
+    )
 
 
 def test_a_target_that_turns_is_followed_closer_with_a_turn_model():
@@ -66,9 +65,7 @@ def _clear(seed, scans=15):
     draw = np.random.default_rng(seed)
     rate = 20.0 + np.cumsum(0.3 * draw.standard_normal((scans, 2)), axis=0)
     way = np.cumsum(rate, axis=0)
-    return table_of(
-        np.arange(scans), way + STD_M * draw.standard_normal(way.shape), 1.0
-    ), way
+    return table_of(np.arange(scans), way + STD_M * draw.standard_normal(way.shape), 1.0), way
 
 
 def _batch(measured, start, last):
@@ -94,9 +91,7 @@ def _batch(measured, start, last):
 @pytest.mark.parametrize("lag", [1, 4, 99])
 def test_without_clutter_it_is_the_least_squares_solution_of_all_scans_it_may_use(lag):
     scans, way = _clear(1)
-    sure = Detector(
-        detection_probability=1.0, cell_volume=900.0, false_alarm_probability=1e-12
-    )
+    sure = Detector(detection_probability=1.0, cell_volume=900.0, false_alarm_probability=1e-12)
     found = follow(scans, way, QUIET, detector=sure, gate=10.0, smoothing_scans=lag)
     assert found.smoothing_scans == lag
     for scan in range(15):
@@ -108,9 +103,7 @@ def test_without_clutter_it_is_the_least_squares_solution_of_all_scans_it_may_us
             np.testing.assert_allclose(found.state[scan, own], state[scan], atol=2e-3)
             part = slice(2 * scan, 2 * scan + 2)
             np.testing.assert_allclose(
-                found.state_covariance[scan, own, own],
-                covariance[part, part],
-                rtol=2e-3,
+                found.state_covariance[scan, own, own], covariance[part, part], rtol=2e-3
             )
 
 

@@ -32,17 +32,15 @@ def _seen(measured, position=(0.0, 0.0), velocity=(0.0, 0.0), variance=VARIANCE)
 def _one(mean, covariance):
     """Return a sum of one model and one term."""
     belief = Belief(
-        np.asarray(mean, float)[None, None], np.asarray(covariance)[None, None],
-        np.ones((1, 1)),
-    )  # fmt: skip
+        np.asarray(mean, float)[None, None], np.asarray(covariance)[None, None], np.ones((1, 1))
+    )
     return GaussianSum(belief, np.zeros(1))
 
 
 def _drifted(mean, covariance, way, drift_std=0.0, intensity=0.0, interval=2.0):
     state = predict_drift(
-        _one(mean, covariance), interval, np.asarray(way), drift_std,
-        np.array([intensity]), ONE,
-    )  # fmt: skip
+        _one(mean, covariance), interval, np.asarray(way), drift_std, np.array([intensity]), ONE
+    )
     return state.belief.mean[0, 0], state.belief.covariance[0, 0]
 
 
@@ -76,14 +74,9 @@ def test_the_covariance_of_the_moving_state_follows_its_slopes_and_the_published
     _, covariance = _moved(mean, spread, way)
     slope = np.empty((4, 4))
     for k, step in enumerate((1e-5, 1e-4, 1e-3, 1e-4)):
-        up, down = (
-            _moved(mean + sign * step * np.eye(4)[k], spread, way)[0]
-            for sign in (1, -1)
-        )
+        up, down = (_moved(mean + sign * step * np.eye(4)[k], spread, way)[0] for sign in (1, -1))
         slope[:, k] = (up - down) / (2.0 * step)
-    np.testing.assert_allclose(
-        covariance, slope @ spread @ slope.T, rtol=1e-5, atol=1e-12
-    )
+    np.testing.assert_allclose(covariance, slope @ spread @ slope.T, rtol=1e-5, atol=1e-12)
     # The published matrix in east and north, drawn and turned into bearing and range.
     after, noise = _moved(mean, 1e-9 * np.eye(4), way, intensity=4.0)
     drawn = _plane(after) + _pushes(np.random.default_rng(1), 2.0, 4.0, 200_000)
@@ -123,10 +116,7 @@ def test_the_covariance_of_the_drifting_state_follows_its_slopes():
     _, covariance = _drifted(mean, spread, way)
     slope = np.empty((4, 4))
     for k, step in enumerate((1e-5, 1e-8, 1e-3, 1e-3)):
-        up, down = (
-            _drifted(mean + sign * step * np.eye(4)[k], spread, way)[0]
-            for sign in (1, -1)
-        )
+        up, down = (_drifted(mean + sign * step * np.eye(4)[k], spread, way)[0] for sign in (1, -1))
         slope[:, k] = (up - down) / (2.0 * step)
     np.testing.assert_allclose(covariance, slope @ spread @ slope.T, rtol=1e-5)
 
@@ -151,9 +141,7 @@ def test_the_terms_of_a_start_have_the_moments_of_its_prior():
     radial = shrunk * (3.0 + np.array([4.0, -7.0]) @ along)
     radial += np.sqrt(shrunk) * rng.standard_normal(bearing.size)
     distance = 1000.0 + 5.0 * rng.standard_normal(bearing.size)
-    drawn = np.stack(
-        [bearing, 20.0 * rng.standard_normal(bearing.size), distance, radial]
-    )
+    drawn = np.stack([bearing, 20.0 * rng.standard_normal(bearing.size), distance, radial])
     state = start_moving(seen, 20.0, 1)
     weight = np.exp(state.log_weight)
     assert weight.sum() == pytest.approx(1.0)
@@ -197,26 +185,20 @@ def test_a_true_repeater_and_a_true_mover_are_covered_at_the_stated_rates():
         place, rate = target[:, :2] - own, target[:, 2:] - own_rate
         distance = np.hypot(*place.T)
         exact = np.stack(
-            [distance, np.arctan2(place[:, 1], place[:, 0]),
-             (place * rate).sum(1) / distance], axis=1,
-        )  # fmt: skip
-        seen = _seen(
-            exact + np.sqrt(VARIANCE) * rng.standard_normal((runs, 3)), own, own_rate
+            [distance, np.arctan2(place[:, 1], place[:, 0]), (place * rate).sum(1) / distance],
+            axis=1,
         )
+        seen = _seen(exact + np.sqrt(VARIANCE) * rng.standard_normal((runs, 3)), own, own_rate)
         line = buoy - own
         bearing = np.arctan2(line[:, 1], line[:, 0])
         echo = np.stack([np.hypot(*line.T), bearing, 0 * bearing], axis=1)
         echo[:, 2] = -(line * own_rate).sum(1) / echo[:, 0]
-        echoed = _seen(
-            echo + np.sqrt(VARIANCE) * rng.standard_normal((runs, 3)), own, own_rate
-        )
+        echoed = _seen(echo + np.sqrt(VARIANCE) * rng.standard_normal((runs, 3)), own, own_rate)
         if moving is None:
             moving = start_moving(seen, 20.0, 1)
             drifting = start_drift(echoed, 0.5, 20.0, 1)
             continue
-        moving = predict_moving(
-            moving, interval, own_rate * interval, np.array([0.25]), ONE
-        )
+        moving = predict_moving(moving, interval, own_rate * interval, np.array([0.25]), ONE)
         moving, fit = update_moving(moving, seen)
         drifting = predict_drift(
             drifting, interval, own_rate * interval, 1.0, np.array([0.25]), ONE

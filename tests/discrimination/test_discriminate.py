@@ -65,14 +65,11 @@ def test_turning_the_compass_and_moving_the_grid_change_nothing():
     east = np.cos(angle) * navigation.east_m + np.sin(angle) * navigation.north_m
     north = -np.sin(angle) * navigation.east_m + np.cos(angle) * navigation.north_m
     turned = replace(
-        contacts,
-        bearing_deg=contacts.bearing_deg + 50.0,
-        time_s=contacts.time_s + 500.0,
+        contacts, bearing_deg=contacts.bearing_deg + 50.0, time_s=contacts.time_s + 500.0
     )
     moved = replace(
-        navigation, east_m=east + 2e4, north_m=north - 1e4,
-        time_s=navigation.time_s + 500.0,
-    )  # fmt: skip
+        navigation, east_m=east + 2e4, north_m=north - 1e4, time_s=navigation.time_s + 500.0
+    )
     one, other = _decide(contacts, navigation), _decide(turned, moved)
     np.testing.assert_allclose(one.log_odds, other.log_odds, atol=1e-5)
     np.testing.assert_allclose(one.scan_time_s + 500.0, other.scan_time_s)
@@ -149,18 +146,15 @@ def test_own_ships_turn_between_rows_of_her_navigation_rejects_no_right_reading(
             time_s=clock[rows], east_m=own[rows, 0], north_m=own[rows, 1],
             heading_deg=np.full(clock[rows].size, np.nan),
         )  # fmt: skip
-        verdicts = [
-            discriminate_contacts(one, navigation).verdict[0] for one in contacts
-        ]
+        verdicts = [discriminate_contacts(one, navigation).verdict[0] for one in contacts]
         assert sum(verdict == "first moves" for verdict in verdicts) >= 18
 
 
 @pytest.mark.slow
 def test_two_vessels_near_by_are_both_found_moving():
     scene = RepeaterScene(
-        aspect_deg=40.0, range_m=400.0, interval_s=1.0, turns=True,
-        vessel_course_deg=120.0,
-    )  # fmt: skip
+        aspect_deg=40.0, range_m=400.0, interval_s=1.0, turns=True, vessel_course_deg=120.0
+    )
     found = [_decide(*_case(scene, seed=seed)) for seed in range(20)]
     assert sum(d.verdict[0] == "both move" for d in found) >= 18
     decision = next(d for d in found if d.verdict[0] == "both move")
@@ -175,10 +169,7 @@ def test_two_vessels_near_by_are_both_found_moving():
 @pytest.mark.slow
 def test_a_source_and_its_repeater_are_hardly_ever_called_anything_else():
     for scene in (RepeaterScene(aspect_deg=80.0), SCENE):
-        found = [
-            _decide(*_case(scene, seed=s), miss=0.05, false_alarm=0.05)
-            for s in range(60)
-        ]
+        found = [_decide(*_case(scene, seed=s), miss=0.05, false_alarm=0.05) for s in range(60)]
         other = [d.verdict[0] in {"both move", "neither fits"} for d in found]
         assert sum(other) <= 2  # a fifth of 5 % is 0.6 of 60
 
@@ -256,9 +247,7 @@ def test_readings_are_rejected_below_a_tenth_of_the_accepted_error():
 def test_a_scan_without_its_range_rate_does_not_count():
     contacts, navigation = _case(seed=9)
     at = (contacts.contact == 2) & (contacts.time_s == 66.0)
-    bare = replace(
-        contacts, range_rate_mps=np.where(at, np.nan, contacts.range_rate_mps)
-    )
+    bare = replace(contacts, range_rate_mps=np.where(at, np.nan, contacts.range_rate_mps))
     decision = _decide(bare, navigation)
     at = np.flatnonzero(decision.scan_time_s == 66.0)[0]
     assert decision.log_odds[at] == decision.log_odds[at - 1]
@@ -268,9 +257,7 @@ def test_a_scan_without_its_range_rate_does_not_count():
 def test_the_test_begins_where_both_contacts_are_first_complete():
     contacts, navigation = _case(seed=9)
     at = (contacts.contact == 2) & (contacts.time_s == 60.0)
-    bare = replace(
-        contacts, range_rate_mps=np.where(at, np.nan, contacts.range_rate_mps)
-    )
+    bare = replace(contacts, range_rate_mps=np.where(at, np.nan, contacts.range_rate_mps))
     assert _decide(contacts, navigation).scan_time_s[0] == 60.0
     assert _decide(bare, navigation).scan_time_s[0] == 62.0
 
@@ -281,9 +268,7 @@ def test_what_came_before_helps_if_it_is_of_one_contact_whatever_its_number():
     other = replace(contacts, contact=np.where(early, 2, contacts.contact))
     late = early & (contacts.time_s > 30.0)
     both = replace(contacts, contact=np.where(late, 2, contacts.contact))
-    expected, found, apart = (
-        _decide(one, navigation) for one in (contacts, other, both)
-    )
+    expected, found, apart = (_decide(one, navigation) for one in (contacts, other, both))
     assert found.log_odds[1] == expected.log_odds[1] != apart.log_odds[1]
     words = "there was no single contact before the two"
     assert [words in " ".join(one.reasons(0).values())
@@ -325,18 +310,9 @@ def test_contacts_of_unequal_length_are_compared_where_both_were_seen():
     [
         (lambda: {"miss": 0.0}, "miss must be a number"),
         (lambda: {"false_alarm": 0.7}, "false_alarm must be a number"),
-        (
-            lambda: {"errors": ContactErrors(range_std_m=-1.0)},
-            "range_std_m must be a number",
-        ),
-        (
-            lambda: {"filters": ContactFilters(drift_std_mps=0.0)},
-            "drift_std_mps must be a number",
-        ),
-        (
-            lambda: {"filters": ContactFilters(manoeuvre_std_mps2=1.0)},
-            "must be above acceler",
-        ),
+        (lambda: {"errors": ContactErrors(range_std_m=-1.0)}, "range_std_m must be a number"),
+        (lambda: {"filters": ContactFilters(drift_std_mps=0.0)}, "drift_std_mps must be a number"),
+        (lambda: {"filters": ContactFilters(manoeuvre_std_mps2=1.0)}, "must be above acceler"),
         (
             lambda: {"filters": ContactFilters(manoeuvre_stop_probability=1.0)},
             "stop_probability must be a number",
@@ -352,17 +328,13 @@ def test_deviations_may_come_from_options_and_must_come_from_somewhere():
     contacts, navigation = _case(seed=2)
     unknown = np.full(contacts.time_s.size, np.nan)
     bare = replace(
-        contacts,
-        range_std_m=unknown,
-        bearing_std_deg=unknown,
-        range_rate_std_mps=unknown,
+        contacts, range_std_m=unknown, bearing_std_deg=unknown, range_rate_std_mps=unknown
     )
     with pytest.raises(DataError, match="--errors-range-std-m"):
         _decide(bare, navigation)
     errors = ContactErrors(5.0, SCENE.bearing_std_deg, 1.0)
     np.testing.assert_array_equal(
-        _decide(bare, navigation, errors=errors).log_odds,
-        _decide(contacts, navigation).log_odds,
+        _decide(bare, navigation, errors=errors).log_odds, _decide(contacts, navigation).log_odds
     )
 
 

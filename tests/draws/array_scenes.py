@@ -14,9 +14,7 @@ TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / 8.0
 C, RATE_HZ, FRAMES = 1500.0, 4000, 100
 
 
-def scene(
-    seed=7, turn=(), course_deg=20.0, duration_s=280.0, place=(1200.0, 600.0), **sound
-):
+def scene(seed=7, turn=(), course_deg=20.0, duration_s=280.0, place=(1200.0, 600.0), **sound):
     """Eight hydrophones 80 m behind a ship; one vessel, of two lines unless given."""
     array = {
         "id": "tow1", "kind": "array", "depth_m": 20.0, "full_scale_db": 140.0,

@@ -110,12 +110,7 @@ def bound_m(state, time_s, own_mps):
         off[: time_s.size] = (off[: time_s.size] + turn / 2) % turn - turn / 2
         columns.append(off / (2.0 * move.sum()))
     jacobian = np.array(columns).T
-    stds = [
-        SOURCE_STD_M,
-        WATER_STD_M,
-        TOLD["sound_speed_std_mps"],
-        TOLD["compass_std_deg"],
-    ]
+    stds = [SOURCE_STD_M, WATER_STD_M, TOLD["sound_speed_std_mps"], TOLD["compass_std_deg"]]
     prior = np.diag([0.0] * 4 + [std**-2.0 for std in stds])
     covariance = np.linalg.inv(jacobian.T @ jacobian + prior)
     sight = np.array(state[:2]) / np.hypot(*state[:2])
@@ -131,9 +126,9 @@ def score(seed):
             table, None, own, sound_speed_mps=SOUND_MPS, updates=1,
             nuisances=Nuisances(**TOLD), bounce=GEOMETRY,
         )  # fmt: skip
-    value = np.array([
-        found.range_m[0], found.bearing_deg[0], found.speed_mps[0], found.course_deg[0]
-    ])  # fmt: skip
+    value = np.array(
+        [found.range_m[0], found.bearing_deg[0], found.speed_mps[0], found.course_deg[0]]
+    )
     std = np.array([
         found.range_std_m[0], found.bearing_std_deg[0], found.speed_std_mps[0],
         found.course_std_deg[0],
@@ -150,9 +145,7 @@ def main(seed, count):
     off = np.array([one[0] for one in found])
     error, stated, relative = np.array([one[2:] for one in found]).T
     told = np.isfinite(off)
-    inside = [
-        f"{np.mean(o[t] <= 1.96):.2f}" for o, t in zip(off.T, told.T, strict=True)
-    ]
+    inside = [f"{np.mean(o[t] <= 1.96):.2f}" for o, t in zip(off.T, told.T, strict=True)]
     told_error = error[told[:, 0]]
     sys.stdout.write(
         f"seed {seed}, {count} draws: range told in {told[:, 0].sum()}, "

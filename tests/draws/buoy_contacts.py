@@ -38,9 +38,7 @@ def scene(seed, *, boats=2, buoys=4, rows=40, std_deg=4.0, miss=0.1, frequencies
     time = np.linspace(0.0, 1200.0, rows)
     offset = draw.normal(0.0, 5.0, buoys)
     rest_hz = 60.0 * (1.0 + draw.uniform(-0.05, 0.05, boats))
-    columns = {
-        name: [] for name in ("contact", "time_s", "sensor", "own", "theta", "f")
-    }
+    columns = {name: [] for name in ("contact", "time_s", "sensor", "own", "theta", "f")}
     boat_of, places = {}, []
     numbers = [draw.permutation(np.arange(1, 10))[:boats] for _ in range(buoys)]
     for boat in range(boats):

@@ -73,8 +73,7 @@ def line_scene(seed, duration_s, bearing_deg, radio=None):
         "course_deg": bearing_deg,
     }  # fmt: skip
     vessel["line"] = [
-        {"fundamental_hz": f, "harmonics": 1, "source_level_db": 155.0}
-        for f in LINES_HZ
+        {"fundamental_hz": f, "harmonics": 1, "source_level_db": 155.0} for f in LINES_HZ
     ]
     return table
 

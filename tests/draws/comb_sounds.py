@@ -11,9 +11,7 @@ from uwtrack_cli.data.recording import Recording
 RATE_HZ = 1000.0
 
 
-def comb_sound(
-    tones_hz: np.ndarray, level_db: float, *, seconds: float, seed: int
-) -> Recording:
+def comb_sound(tones_hz: np.ndarray, level_db: float, *, seconds: float, seed: int) -> Recording:
     """Return the recording of `comb_samples`."""
     sound = comb_samples(tones_hz, level_db, seconds=seconds, seed=seed)
     return recording_of(sound, RATE_HZ)
@@ -39,9 +37,7 @@ def comb_samples(
     return np.asarray(0.005 * sound)
 
 
-def passage_factor(
-    seconds: float, time_s: float, speed_mps: float, range_m: float
-) -> np.ndarray:
+def passage_factor(seconds: float, time_s: float, speed_mps: float, range_m: float) -> np.ndarray:
     """Return f/f0 at every sample of a straight passage at a time and slant range.
 
     By the retarded time: of each emission time the arrival, and back by interpolation.

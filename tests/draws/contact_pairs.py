@@ -53,9 +53,8 @@ def contact_pair(scene=SCENE, seed=1, source=1, repeater=2):
     )  # fmt: skip
     clock, own = drawn.navigation_time_s, drawn.own_ship_m
     navigation = Navigation(
-        time_s=clock, east_m=own[:, 0], north_m=own[:, 1],
-        heading_deg=np.full(clock.size, np.nan),
-    )  # fmt: skip
+        time_s=clock, east_m=own[:, 0], north_m=own[:, 1], heading_deg=np.full(clock.size, np.nan)
+    )
     return contacts, navigation
 
 
@@ -93,24 +92,19 @@ def error_rates(seed, pairs, motion, data, *, has_history):
     own = np.stack([run.own_ship_m for run in runs], axis=1)
     rate = np.gradient(own, clock, axis=0)
     one = scenes[0]
-    variance = np.array([
-        one.range_std_m, np.deg2rad(one.bearing_std_deg), one.range_rate_std_mps
-    ]) ** 2  # fmt: skip
+    variance = (
+        np.array([one.range_std_m, np.deg2rad(one.bearing_std_deg), one.range_rate_std_mps]) ** 2
+    )
 
     def observations(name):
         measured = np.concatenate([getattr(run, name) for run in runs], axis=1)
         measured[..., 1] = np.deg2rad(90.0 - measured[..., 1])
-        return [
-            Observation(measured[k], variance, own[i], rate[i])
-            for k, i in enumerate(at)
-        ]
+        return [Observation(measured[k], variance, own[i], rate[i]) for k, i in enumerate(at)]
 
     source, repeater = observations("source"), observations("repeater")
     split = int(np.flatnonzero(np.isfinite(runs[0].repeater[:, 0, 0]))[0])
     history = follow(source[:split], times_s[:split], filters) if has_history else None
-    found = run_pair(
-        source[split:], repeater[split:], times_s[split:], filters, history=history
-    )
+    found = run_pair(source[split:], repeater[split:], times_s[split:], filters, history=history)
     fits = consistency(found.distance2, found.degrees)
     rates = []
     for error in ERRORS:

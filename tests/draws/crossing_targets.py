@@ -9,9 +9,8 @@ from uwtrack_cli.data.scans import Scans
 SCANS, SPEED, STD_M, DETECTION, DENSITY, REACH_M = 50, 20.0, 5.0, 0.9, 1e-5, 400.0
 
 DETECTOR = Detector(
-    detection_probability=DETECTION, cell_volume=900.0,
-    false_alarm_probability=900.0 * DENSITY,
-)  # fmt: skip
+    detection_probability=DETECTION, cell_volume=900.0, false_alarm_probability=900.0 * DENSITY
+)
 
 
 def crossing(seed, angle_deg):
@@ -26,9 +25,7 @@ def crossing(seed, angle_deg):
     number, place = [], []
     for scan in range(SCANS):
         heard = [
-            way[scan] + STD_M * draw.standard_normal(2)
-            for way in ways
-            if draw.random() < DETECTION
+            way[scan] + STD_M * draw.standard_normal(2) for way in ways if draw.random() < DETECTION
         ]
         false = draw.poisson(DENSITY * (2.0 * REACH_M) ** 2)
         heard += list(ways[0][scan] + draw.uniform(-REACH_M, REACH_M, (false, 2)))

@@ -100,9 +100,7 @@ def _machine(
             cell = nearest + bins
             rows = np.flatnonzero((cell >= 0) & (cell < frequency.size))
             off = ((cell + 1) * step_hz - line_hz)[rows] / step_hz
-            share = np.sinc(off) / (
-                1.0 - np.where(np.abs(off**2 - 1) < 1e-6, 0, off) ** 2
-            )
+            share = np.sinc(off) / (1.0 - np.where(np.abs(off**2 - 1) < 1e-6, 0, off) ** 2)
             density[rows, cell[rows]] += power[rows] * share**2
     return density
 

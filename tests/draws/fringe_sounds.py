@@ -56,17 +56,10 @@ class Source:
 
 
 def images(
-    source: Source,
-    sensor_m: float,
-    water_m: float | None,
-    bounce_db: float,
-    orders: int,
+    source: Source, sensor_m: float, water_m: float | None, bounce_db: float, orders: int
 ) -> list[tuple[float, float]]:
     """Return height above or below the sensor, m, and share of amplitude of each image."""
-    found = [
-        (sensor_m - source.depth_m, 1.0),
-        (sensor_m + source.depth_m, -source.image),
-    ]
+    found = [(sensor_m - source.depth_m, 1.0), (sensor_m + source.depth_m, -source.image)]
     if water_m is None:
         return found
     each = 10.0 ** (-bounce_db / 20.0)
@@ -173,9 +166,8 @@ def draw_power(
     Returns frequencies, power of shape (frame, frequency), and the source.
     """
     rng, source, known = expected(
-        seed, is_deep=is_deep, snr_db=snr_db, swing_db=swing_db, rate=rate,
-        window_s=window_s,
-    )  # fmt: skip
+        seed, is_deep=is_deep, snr_db=snr_db, swing_db=swing_db, rate=rate, window_s=window_s
+    )
     return known.frequency_hz, noisy(rng, known.sea + known.vessel), source
 
 
@@ -235,9 +227,7 @@ def expected(
         cycles = frequency[0] * delay
         first = np.exp(-2j * np.pi * cycles) * share / np.interp(begun, emitted, slant)
         turn = np.exp(-2j * np.pi * step_hz * delay)
-        block = np.exp(-2j * np.pi * step_hz * delay[:, None] * np.arange(64)).astype(
-            np.complex64
-        )
+        block = np.exp(-2j * np.pi * step_hz * delay[:, None] * np.arange(64)).astype(np.complex64)
         at = first
         leap = turn**64
         for k in range(0, frequency.size, 64):
@@ -265,9 +255,7 @@ def noisy(rng: np.random.Generator, density: np.ndarray) -> np.ndarray:
     return (density * noise / noise.mean()).astype(np.float32)
 
 
-def fringes_of(
-    frequency: np.ndarray, power: np.ndarray, rate: float = RATE_HZ
-) -> Fringes:
+def fringes_of(frequency: np.ndarray, power: np.ndarray, rate: float = RATE_HZ) -> Fringes:
     """Return the image of power in windows of half a second that overlap by half."""
     n, window = power.shape[0], round(0.5 * rate)
     frames = Frames(
@@ -278,9 +266,8 @@ def fringes_of(
         fft_length=window,
     )  # fmt: skip
     block = Spectrogram(
-        frames=frames, frequency_hz=frequency, power_density=power,
-        reference="full scale",
-    )  # fmt: skip
+        frames=frames, frequency_hz=frequency, power_density=power, reference="full scale"
+    )
     return Fringes.join(list(measure_fringes(iter([block]))))
 
 

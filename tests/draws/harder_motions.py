@@ -7,15 +7,7 @@ Generators of `moving_sources`.
 
 import numpy as np
 
-from tests.draws.moving_sources import (
-    GRID_S,
-    LEAD_S,
-    Path,
-    ambient,
-    arriving,
-    closest,
-    straight,
-)
+from tests.draws.moving_sources import GRID_S, LEAD_S, Path, ambient, arriving, closest, straight
 from tests.draws.recordings import Drawn, sensor_facts
 from tests.draws.vehicle_sounds import coloured, wander
 
@@ -23,9 +15,7 @@ KINDS = ("speed and shaft", "s-turn", "shared line", "overhead")
 RATE_HZ, SECONDS = 2000.0, 300.0
 
 
-def along(
-    speed_mps: np.ndarray, course_rad: np.ndarray, grid: np.ndarray
-) -> np.ndarray:
+def along(speed_mps: np.ndarray, course_rad: np.ndarray, grid: np.ndarray) -> np.ndarray:
     """Sum up a path from speeds and courses on a grid, shape (2, time)."""
     steps = speed_mps * np.stack([np.sin(course_rad), np.cos(course_rad)])
     way = np.cumsum(steps * (grid[1] - grid[0]), axis=1)
@@ -48,10 +38,9 @@ def lines(
     sway = 1e-4 * wander(rng, n, RATE_HZ, rng.uniform(10.0, 40.0))
     turns = np.cumsum((1.0 + sway) * factor) / RATE_HZ
     return sum(
-        10.0 ** (rng.uniform(-6.0, 0.0) / 20.0)
-        * np.cos(2.0 * np.pi * (one * turns + rng.random()))
+        10.0 ** (rng.uniform(-6.0, 0.0) / 20.0) * np.cos(2.0 * np.pi * (one * turns + rng.random()))
         for one in rest_hz
-    )  # fmt: skip
+    )
 
 
 def draw(kind: str, seed: int) -> Drawn:
@@ -84,9 +73,7 @@ def draw(kind: str, seed: int) -> Drawn:
             factor = share(clock)
         elif kind == "s-turn":
             period = rng.uniform(150.0, 300.0)
-            swing = np.radians(15.0) * np.sin(
-                2 * np.pi * (grid / period + rng.random())
-            )
+            swing = np.radians(15.0) * np.sin(2 * np.pi * (grid / period + rng.random()))
             way = along(np.full(grid.size, speed), course + swing, grid)
             path = past(way, grid, at, flat, course, turn)
         elif kind == "overhead":

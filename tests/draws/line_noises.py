@@ -30,18 +30,14 @@ def coloured(shape_db: Callable[[np.ndarray], np.ndarray]) -> Noise:
     def draw(rng: np.random.Generator, time_s: np.ndarray) -> np.ndarray:
         spectrum = np.fft.rfft(rng.standard_normal(time_s.size))
         frequency = np.fft.rfftfreq(time_s.size, 1.0 / RATE_HZ)
-        return np.fft.irfft(
-            spectrum * 10.0 ** (shape_db(frequency) / 20.0), time_s.size
-        )
+        return np.fft.irfft(spectrum * 10.0 ** (shape_db(frequency) / 20.0), time_s.size)
 
     return draw
 
 
 def gained(gain_db: Callable[[np.ndarray], np.ndarray]) -> Noise:
     """White noise whose level in dB changes with time."""
-    return lambda rng, time_s: (
-        rng.standard_normal(time_s.size) * 10.0 ** (gain_db(time_s) / 20.0)
-    )
+    return lambda rng, time_s: rng.standard_normal(time_s.size) * 10.0 ** (gain_db(time_s) / 20.0)
 
 
 def impulses(per_s: float, level: float, decay_s: float) -> Noise:
@@ -81,9 +77,7 @@ KINDS: dict[str, Noise] = {
     "rain drift of 8 dB": gained(lambda t: 8.0 * np.sin(2.0 * np.pi * t / 600.0)),
     "swell of 6 dB at 0.11 Hz": gained(lambda t: 6.0 * np.sin(2.0 * np.pi * 0.11 * t)),
     "gusts below 200 Hz": gusts,
-    "bump of 15 dB, sd 30 Hz": coloured(
-        lambda f: 15.0 * np.exp(-0.5 * ((f - 700.0) / 30.0) ** 2)
-    ),
+    "bump of 15 dB, sd 30 Hz": coloured(lambda f: 15.0 * np.exp(-0.5 * ((f - 700.0) / 30.0) ** 2)),
     "notch of 20 dB, sd 40 Hz": coloured(
         lambda f: -20.0 * np.exp(-0.5 * ((f - 700.0) / 40.0) ** 2)
     ),

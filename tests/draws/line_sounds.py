@@ -39,17 +39,12 @@ class Scene:
     def sound(self, rng: np.random.Generator) -> np.ndarray:
         """Draw the samples: phase-continuous tones in noise of unit density."""
         n = int(self.duration_s * RATE_HZ)
-        time, grid = (
-            np.arange(n) / RATE_HZ,
-            np.arange(self.frequency_hz.shape[1]) * STEP_S,
-        )
+        time, grid = (np.arange(n) / RATE_HZ, np.arange(self.frequency_hz.shape[1]) * STEP_S)
         samples = rng.standard_normal(n) * np.sqrt(RATE_HZ / 2)
         for frequency, snr_db in zip(self.frequency_hz, self.snr_db, strict=True):
             known = np.isfinite(frequency)
             course = np.interp(time, grid[known], frequency[known])
-            sounds = known[
-                np.minimum(np.rint(time / STEP_S).astype(int), known.size - 1)
-            ]
+            sounds = known[np.minimum(np.rint(time / STEP_S).astype(int), known.size - 1)]
             phase = 2.0 * np.pi * (np.cumsum(course) / RATE_HZ + rng.random())
             samples += sounds * np.sqrt(2.0 * 10.0 ** (0.1 * snr_db)) * np.sin(phase)
         return samples.astype(np.float32)
@@ -58,9 +53,7 @@ class Scene:
 def tracked(scene: Scene, seed: int, stage: str = "track", **spectrogram: Any) -> Lines:
     """Follow the lines of a scene at the defaults of the commands."""
     sound = scene.sound(np.random.default_rng(seed))
-    blocks = compute_spectrogram(
-        recording_of(sound, RATE_HZ), band_hz=BAND_HZ, **spectrogram
-    )
+    blocks = compute_spectrogram(recording_of(sound, RATE_HZ), band_hz=BAND_HZ, **spectrogram)
     if stage == "trace":
         return Lines.join(list(trace_lines(blocks)))
     return Lines.join(list(track_lines(find_peaks(block) for block in blocks)))
@@ -100,9 +93,8 @@ def score(scene: Scene, lines: Lines) -> Score:
             told.append(counts.argmax())
     found = np.unique(told).size
     return Score(
-        np.minimum(cover, 1.0), n_main / max(n_points, 1),
-        len(told) / found if found else np.nan,
-    )  # fmt: skip
+        np.minimum(cover, 1.0), n_main / max(n_points, 1), len(told) / found if found else np.nan
+    )
 
 
 def _places(rng: np.random.Generator, count: int = 8) -> np.ndarray:
@@ -170,29 +162,15 @@ def jumps(rng: np.random.Generator, percent: float) -> Scene:
 
 SCENES: dict[str, Callable[[np.random.Generator], Scene]] = {
     **{
-        f"fades of {s} s at {snr} dB": lambda rng, s=s, snr=snr: silences(
-            rng, s, snr, 60.0 - s
-        )
+        f"fades of {s} s at {snr} dB": lambda rng, s=s, snr=snr: silences(rng, s, snr, 60.0 - s)
         for s in (5, 10, 20)
         for snr in (10, 20)
     },
-    **{
-        f"steady at {snr} dB": lambda rng, snr=snr: steady(rng, snr)
-        for snr in (6, 8, 10, 15)
-    },
+    **{f"steady at {snr} dB": lambda rng, snr=snr: steady(rng, snr) for snr in (6, 8, 10, 15)},
     **{f"stops of {s} s": lambda rng, s=s: silences(rng, s, 12.0) for s in (5, 20, 60)},
-    **{
-        f"crossings at {r} Hz/s": lambda rng, r=r: crossings(rng, r)
-        for r in (0.05, 0.2, 0.5)
-    },
-    **{
-        f"pairs {b} bins apart": lambda rng, b=b: close_pairs(rng, b)
-        for b in (1, 1.5, 2, 3)
-    },
-    **{
-        f"sweeps of {b} bins a frame": lambda rng, b=b: sweeps(rng, b)
-        for b in (0.1, 0.5, 1, 2)
-    },
+    **{f"crossings at {r} Hz/s": lambda rng, r=r: crossings(rng, r) for r in (0.05, 0.2, 0.5)},
+    **{f"pairs {b} bins apart": lambda rng, b=b: close_pairs(rng, b) for b in (1, 1.5, 2, 3)},
+    **{f"sweeps of {b} bins a frame": lambda rng, b=b: sweeps(rng, b) for b in (0.1, 0.5, 1, 2)},
     **{f"jumps of {p} %": lambda rng, p=p: jumps(rng, p) for p in (1, 2, 5)},
 }
 """What is drawn, by the name of its row."""

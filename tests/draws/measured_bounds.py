@@ -25,10 +25,9 @@ SOURCE_STD_M = 2.0
 def bounds(drawn):
     """Return the bounds of the quantities, in their order; nan without bearings."""
     facts, speed = drawn.facts, float(drawn.truth[1])
-    unknown = np.array([
-        0.0, speed, drawn.flat_m, facts.height_m, facts.sound_mps, drawn.change_s,
-        *facts.change,
-    ])  # fmt: skip
+    unknown = np.array(
+        [0.0, speed, drawn.flat_m, facts.height_m, facts.sound_mps, drawn.change_s, *facts.change]
+    )
     is_step = drawn.kind == "frequency-step"
     free = [0, 1, 2, 3, 4, *range(6, unknown.size)]
     if facts.change.size and not is_step:
@@ -58,9 +57,7 @@ def bounds(drawn):
     share = 1 / (1 + 1 / (facts.level_gain * np.exp(level)))
     own = np.column_stack([share[:, None] * partials[2], share, 1 - share])
     full = (10 / np.log(10)) ** 2 * own.T @ own
-    information += full[:-2, :-2] - full[:-2, -2:] @ np.linalg.solve(
-        full[-2:, -2:], full[-2:, :-2]
-    )
+    information += full[:-2, :-2] - full[:-2, -2:] @ np.linalg.solve(full[-2:, -2:], full[-2:, :-2])
     information[3, 3] += 1 / (SOURCE_STD_M**2 + SENSOR_STD_M**2)
     information[4, 4] += SOUND_STD_MPS**-2.0
     inner = np.linalg.inv(information)

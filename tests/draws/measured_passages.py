@@ -316,10 +316,7 @@ def analyse(drawn):
 
 def errors(drawn, found, row=0):
     """Return errors and deviations of a row, nan where it gives nothing."""
-    names = (
-        "time{}_s", "speed{}_mps", "slant_range{}_m", "range_over_speed{}_s",
-        "course{}_deg",
-    )  # fmt: skip
+    names = ("time{}_s", "speed{}_mps", "slant_range{}_m", "range_over_speed{}_s", "course{}_deg")
     value, std = (
         np.array([getattr(found, name.format(part))[row] for name in names])
         for part in ("", "_std")

@@ -27,10 +27,8 @@ KINDS = {
     "compass 1 degree": {"compass_std_deg": 1.0},
     "navigation 5 m": {"position_std_m": 5.0},
     "AR(1) 0.9": {},
-    "all": {
-        "sound_speed_std_mps": 14.8, "compass_std_deg": 1.0, "position_std_m": 5.0,
-    },
-}  # fmt: skip
+    "all": {"sound_speed_std_mps": 14.8, "compass_std_deg": 1.0, "position_std_m": 5.0},
+}
 CASES = ("S1-T1", "S1-T3", "S2", "S3")
 NAMES = ("range", "bearing", "speed", "course")
 
@@ -54,9 +52,7 @@ def markov(rng, count, step_s, correlation_s, shape=()):
     decay = np.exp(-step_s / correlation_s)
     value = rng.standard_normal((*shape, count))
     for k in range(1, count):
-        value[..., k] = (
-            decay * value[..., k - 1] + np.sqrt(1 - decay**2) * value[..., k]
-        )
+        value[..., k] = decay * value[..., k - 1] + np.sqrt(1 - decay**2) * value[..., k]
     return value
 
 
@@ -82,12 +78,8 @@ def draw(name, kind, seed, noise=1.0):
         frequency_hz=(650.0 + shift + 0.25 * noise * white[1])[:, np.newaxis],
     )
     own = own_ship(name)
-    error = told["position_std_m"] * markov(
-        rng, own.time_s.size, STEP_S, CORRELATION_S, (2,)
-    )
-    return table, replace(
-        own, east_m=own.east_m + error[0], north_m=own.north_m + error[1]
-    )
+    error = told["position_std_m"] * markov(rng, own.time_s.size, STEP_S, CORRELATION_S, (2,))
+    return table, replace(own, east_m=own.east_m + error[0], north_m=own.north_m + error[1])
 
 
 def score(name, kind, seed):

@@ -63,10 +63,7 @@ def ambient(rng: np.random.Generator, n: int, rate: float, kind: str) -> np.ndar
     slope = rng.uniform(-5.0, -3.0)
     parts = [coloured(rng, n, rate, slope, 10.0, 0.48 * rate)]
     if kind == "difar":
-        parts += [
-            coloured(rng, n, rate, slope, 10.0, 0.48 * rate) / np.sqrt(3.0)
-            for _ in range(2)
-        ]
+        parts += [coloured(rng, n, rate, slope, 10.0, 0.48 * rate) / np.sqrt(3.0) for _ in range(2)]
     swing_db = rng.uniform(0.0, 1.0) * wander(rng, n, rate, 20.0)
     return np.stack(parts, axis=1) * 10.0 ** (swing_db[:, None] / 20.0)
 

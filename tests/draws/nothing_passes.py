@@ -80,9 +80,7 @@ def _still(rng: np.random.Generator, kind: str, size: int) -> np.ndarray:
         loud = 10.0 ** (rng.uniform(8.0, 18.0) * push / 20.0)
     else:
         # one half swings by far more, the other by no more than a passage shifts a line
-        depth = (
-            rng.uniform(0.05, 0.3) if rng.random() < 0.5 else rng.uniform(1e-3, 6e-3)
-        )
+        depth = rng.uniform(0.05, 0.3) if rng.random() < 0.5 else rng.uniform(1e-3, 6e-3)
         swing = np.sin(2 * np.pi * (time / rng.uniform(120.0, 500.0) + rng.random()))
         factor, loud = 1.0 + depth * swing, 1.0
     shaft, teeth = rng.uniform(8.0, 30.0), int(rng.integers(5, 60))

@@ -46,9 +46,7 @@ def scene(seed: int) -> np.ndarray:
     return np.clip(samples, -1.0, 1.0)
 
 
-def _stretches(
-    rng: np.random.Generator, length_s: float, kind: str
-) -> list[tuple[float, float]]:
+def _stretches(rng: np.random.Generator, length_s: float, kind: str) -> list[tuple[float, float]]:
     """Draw from when to when the same lines sound: one stretch after the other."""
     lasts_s = {"chords": 4.0, "machines": 25.0, "beeps": 12.0, "steady lines": 60.0}
     stretches, now = [], float(rng.uniform(0.0, 10.0))
@@ -78,7 +76,6 @@ def traced(seed: int) -> Lines:
     """Trace the lines of a scene at the frames that its seed chooses."""
     window_s, overlap, padding = FRAMES[seed // len(KINDS) % len(FRAMES)]
     blocks = compute_spectrogram(
-        recording_of(scene(seed), RATE_HZ),
-        window_s=window_s, overlap=overlap, zero_padding=padding,
-    )  # fmt: skip
+        recording_of(scene(seed), RATE_HZ), window_s=window_s, overlap=overlap, zero_padding=padding
+    )
     return Lines.join(list(trace_lines(blocks)))

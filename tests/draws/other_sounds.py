@@ -73,9 +73,7 @@ def whistles(rng, time_s, rate):
 
     def law(x):
         wave = rng.uniform(0, 0.15) * np.sin(2 * np.pi * rng.uniform(1, 3) * x)
-        frequency = (
-            rng.uniform(0.4, 0.8) * top * (1 + rng.uniform(-0.3, 0.2) * x + wave)
-        )
+        frequency = rng.uniform(0.4, 0.8) * top * (1 + rng.uniform(-0.3, 0.2) * x + wave)
         return np.minimum(frequency, top)
 
     return swept(rng, time_s, rate, (10, 50), (0.3, 1.5), (0.05, 0.5), law)
@@ -88,7 +86,7 @@ def sonar(rng, time_s, rate):
     ping = np.cos(2 * np.pi * cycles(law, rate)) * np.hanning(size)
     sound = np.zeros(time_s.size)
     for first_s in np.arange(rng.uniform(0, 2), time_s[-1] - 3, rng.uniform(1.5, 12)):
-        for delay_s, gain in zip((0, *rng.uniform(0.05, 1.2, 4)), (0.8, *[0.12] * 4), strict=True):  # fmt: skip
+        for delay_s, gain in zip((0, *rng.uniform(0.05, 1.2, 4)), (0.8, *[0.12] * 4), strict=True):
             first = int((first_s + delay_s) * rate)
             sound[first : first + size] += gain * ping
     return sound
@@ -181,7 +179,7 @@ def far_ship(rng, time_s, rate):
     gains = [
         rng.uniform(0.02, 0.2) * 10 ** (0.2 * smooth(rng, size, rate, rng.uniform(15, 60)))
         for _ in numbers
-    ]  # fmt: skip
+    ]
     low = coloured(rng, size, rate, 0, 40, 400) * (1 + 0.4 * np.cos(8 * np.pi * turns))
     low *= 10 ** (0.2 * smooth(rng, size, rate, 30))
     return tones(turns, numbers, gains, rng) + 0.3 * low
@@ -196,7 +194,7 @@ def smooth(rng, size, rate, time_s):
     return np.interp(np.arange(size) / rate, np.arange(wave.size) * step_s, wave)
 
 
-KINDS = (rain, rumble, whales, whistles, sonar, chain, machine, idling, tidal, hum, far_ship)  # fmt: skip
+KINDS = (rain, rumble, whales, whistles, sonar, chain, machine, idling, tidal, hum, far_ship)
 
 
 def draw(seed):

@@ -104,9 +104,7 @@ def _partials(scenario, vessel, time_s):
     def law(trial):
         ratio, angle, distance = received(scene, time_s, trial)
         turn = -1.0 if vessel.closest_approach.side == "port" else 1.0
-        return np.stack(
-            [ratio, turn * angle, 20 * np.log10(trial[1] * trial[2] / distance)]
-        )
+        return np.stack([ratio, turn * angle, 20 * np.log10(trial[1] * trial[2] / distance)])
 
     columns = []
     for number, step in enumerate(STEPS * motion.clip(1.0)):
@@ -168,9 +166,7 @@ def _ratio(scenario, vessel, line, rate, time_s, values):
     The source is as loud as in its first gear.
     """
     first, at = np.array([line.frequency_hz]), np.array([line.frequency_hz * rate])
-    noise = _noise(scenario, vessel, at, time_s) + _density(
-        scenario, vessel, at, time_s
-    )
+    noise = _noise(scenario, vessel, at, time_s) + _density(scenario, vessel, at, time_s)
     near = 10 ** (values[2] / 10)
     return 10 ** (line.cn0_db_hz / 10) * near * _ambient(scenario, first) / noise[0]
 

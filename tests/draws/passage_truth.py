@@ -94,26 +94,16 @@ def predict(scene, parameters):
     """Return frequencies, bearings (rad) and levels for motion, rests, level, floor."""
     lines, seconds, _ = grids(scene)
     n = len(scene.rest_hz)
-    motion, rest, (level, floor) = (
-        parameters[:4],
-        parameters[4 : 4 + n],
-        parameters[4 + n :],
-    )
+    motion, rest, (level, floor) = (parameters[:4], parameters[4 : 4 + n], parameters[4 + n :])
     ratio = received(scene, lines, motion)[0]
     _, angle, distance = received(scene, seconds, motion)
     slant = motion[1] * motion[2]
     power = 10 ** (level / 10) * (slant / distance) ** 2 + 10 ** (floor / 10)
-    return (
-        rest[:, None] * ratio,
-        motion[3] + scene.turn * angle,
-        10 * np.log10(power),
-    )
+    return (rest[:, None] * ratio, motion[3] + scene.turn * angle, 10 * np.log10(power))
 
 
 def true_parameters(scene):
-    return np.concatenate(
-        [true_motion(scene), np.array(scene.rest_hz), [scene.level_snr_db, 0.0]]
-    )
+    return np.concatenate([true_motion(scene), np.array(scene.rest_hz), [scene.level_snr_db, 0.0]])
 
 
 def bound(scene):
@@ -173,7 +163,7 @@ def _wander(scene, rng, runs, time_s):
     value = np.zeros((runs, time_s.size))
     value[:, 0] = rng.normal(size=runs)
     for number, factor in enumerate(decay, 1):
-        value[:, number] = factor * value[:, number - 1] + np.sqrt(
-            1 - factor**2
-        ) * rng.normal(size=runs)
+        value[:, number] = factor * value[:, number - 1] + np.sqrt(1 - factor**2) * rng.normal(
+            size=runs
+        )
     return scene.jitter * value

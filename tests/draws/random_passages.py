@@ -75,9 +75,7 @@ def draw_scenario(
     }  # fmt: skip
     vessels = _generator(seed, "vessels")
     count = int(vessels.integers(1, 5)) if n_vessels is None else n_vessels
-    table["vessel"] = [
-        _vessel(np.random.default_rng([seed, 30, k]), table) for k in range(count)
-    ]
+    table["vessel"] = [_vessel(np.random.default_rng([seed, 30, k]), table) for k in range(count)]
     chances = _generator(seed, "disturbances").random(len(DISTURBANCES))
     for k, (kind, add) in enumerate(DISTURBANCES.items()):
         if chances[k] < 0.5 if kinds is None else kind in kinds:
@@ -99,9 +97,7 @@ def _vessel(rng: np.random.Generator, table: Table) -> Table:
     elif ending < 0.3:
         time = rng.uniform(0.0, 40.0)
     overhead = rng.random() < 0.15
-    reach = (
-        rng.uniform(0.0, 5.0) if overhead else np.exp(rng.uniform(*np.log([20, 800])))
-    )
+    reach = rng.uniform(0.0, 5.0) if overhead else np.exp(rng.uniform(*np.log([20, 800])))
     base = rng.uniform(8.0, 40.0)
     strength = rng.uniform(18.0, 42.0)
     vessel: Table = {
@@ -115,10 +111,7 @@ def _vessel(rng: np.random.Generator, table: Table) -> Table:
             "side": str(rng.choice(["port", "starboard"])),
         },
         "line": [
-            {
-                "frequency_hz": float(base * n),
-                "cn0_db_hz": float(strength - rng.uniform(0.0, 12.0)),
-            }
+            {"frequency_hz": float(base * n), "cn0_db_hz": float(strength - rng.uniform(0.0, 12.0))}
             for n in range(1, 2 + int(rng.integers(0, 8)))
         ],
         "frequency_jitter": {
@@ -151,9 +144,7 @@ def _rain(rng: np.random.Generator, table: Table) -> None:
 
 
 def _drift(rng: np.random.Generator, table: Table) -> None:
-    table["noise"]["drift"] = {
-        "range_db": 8.0, "correlation_s": float(rng.uniform(60.0, 900.0))
-    }  # fmt: skip
+    table["noise"]["drift"] = {"range_db": 8.0, "correlation_s": float(rng.uniform(60.0, 900.0))}
 
 
 def _swell(rng: np.random.Generator, table: Table) -> None:
@@ -242,9 +233,8 @@ def _drifting_machine(rng: np.random.Generator, table: Table) -> None:
 
 def _stepping_machine(rng: np.random.Generator, table: Table) -> None:
     _machine(
-        rng, table, step_fraction=0.05, step_every_s=float(rng.uniform(30.0, 200.0)),
-        fraction=1e-4,
-    )  # fmt: skip
+        rng, table, step_fraction=0.05, step_every_s=float(rng.uniform(30.0, 200.0)), fraction=1e-4
+    )
 
 
 def _gear_change(rng: np.random.Generator, table: Table) -> None:
@@ -270,9 +260,7 @@ def _spectral_features(rng: np.random.Generator, table: Table) -> None:
     owners = [table["noise"]]
     owners += [v["broadband"] for v in table["vessel"] if "broadband" in v]
     for owner in owners:
-        centres = np.exp(
-            rng.uniform(np.log(80.0), np.log(0.4 * table["sample_rate_hz"]), 2)
-        )
+        centres = np.exp(rng.uniform(np.log(80.0), np.log(0.4 * table["sample_rate_hz"]), 2))
         owner["feature"] = [
             {
                 "centre_hz": float(centre),

@@ -34,21 +34,14 @@ def recorders(seed, snr_db, *, distance_m=600.0, clock_std_s=1e-3):
     spectrum[(frequency < BAND_HZ[0]) | (frequency > BAND_HZ[1])] = 0.0
     amplitude = 10.0 ** (snr_db / 20.0)
     found = []
-    for name, shift_s, east in (
-        ("r1", 0.0, 0.0),
-        ("r2", delay_s + clock_s - late_s, distance_m),
-    ):
-        moved = np.fft.irfft(
-            spectrum * np.exp(-2j * np.pi * frequency * shift_s), padded
-        )
+    for name, shift_s, east in (("r1", 0.0, 0.0), ("r2", delay_s + clock_s - late_s, distance_m)):
+        moved = np.fft.irfft(spectrum * np.exp(-2j * np.pi * frequency * shift_s), padded)
         sound = amplitude * moved[2 * int(RATE_HZ) :][:count]
         sound = 0.01 * (sound + draw.standard_normal(count))
         start_ns = START_NS + (round(late_s * 1e9) if name == "r2" else 0)
         found.append(
             Recording(
-                sensor=Sensor(
-                    id=name, east_m=east, north_m=0.0, clock_std_s=clock_std_s
-                ),
+                sensor=Sensor(id=name, east_m=east, north_m=0.0, clock_std_s=clock_std_s),
                 name=f"{name}.wav",
                 sample_rate_hz=RATE_HZ,
                 n_samples=count,
@@ -73,9 +66,7 @@ def errors(seed, snr_db):
     """Return errors and stated deviations of all delays of a pair of recorders, s."""
     pair, delay_s = recorders(seed, snr_db)
     blocks = list(
-        measure_delays(
-            join_recorders(pair), window_s=WINDOW_S, overlap=0.5, band_hz=BAND_HZ
-        )
+        measure_delays(join_recorders(pair), window_s=WINDOW_S, overlap=0.5, band_hz=BAND_HZ)
     )
     off = np.concatenate([block.delay_s for block in blocks]) - delay_s
     return off, np.concatenate([block.delay_std_s for block in blocks])

@@ -16,7 +16,7 @@ LARGEST_BOUND = 0.05
 DEPTH_STD_M, SOUND_SPEED_STD_MPS, COMPASS_STD_DEG = 0.5, 7.5, 2.0
 """Standard deviations that the owner of a drawn sensor states, and errs by."""
 
-QUANTITIES = ("time_s", "range_over_speed_s", "speed_mps", "slant_range_m", "course_deg")  # fmt: skip
+QUANTITIES = ("time_s", "range_over_speed_s", "speed_mps", "slant_range_m", "course_deg")
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,7 @@ def draw(seed: int) -> tuple[dict, float]:
     ]
     passage = {"time_s": 150.0, "horizontal_range_m": 4000.0, "speed_mps": 2.0,
                "course_deg": 80.0, "side": "port"}  # fmt: skip
-    vessel = {"name": "tanker", "source_depth_m": 5.0, "closest_approach": passage,
-              "line": lines}  # fmt: skip
+    vessel = {"name": "tanker", "source_depth_m": 5.0, "closest_approach": passage, "line": lines}
     sensor = {"id": "h1", "kind": "omni", "east_m": 0.0, "north_m": 0.0,
               "depth_m": 30.0, "sensitivity_db_re_v_per_upa": -165.0, "gain_db": 20.0,
               "adc_peak_v": 1.0}  # fmt: skip

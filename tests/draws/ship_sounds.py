@@ -8,13 +8,7 @@ program many times what a few tones cost. Generators of `moving_sources`.
 
 import numpy as np
 
-from tests.draws.moving_sources import (
-    LEAD_S,
-    ambient,
-    arriving,
-    closest,
-    straight,
-)
+from tests.draws.moving_sources import LEAD_S, ambient, arriving, closest, straight
 from tests.draws.recordings import Drawn, sensor_facts
 from tests.draws.vehicle_sounds import coloured, wander
 
@@ -45,9 +39,7 @@ def comb(
     return sound / sound.std()
 
 
-def cavitation(
-    rng: np.random.Generator, n: int, rate: float, shaft_hz: float
-) -> np.ndarray:
+def cavitation(rng: np.random.Generator, n: int, rate: float, shaft_hz: float) -> np.ndarray:
     """Draw broadband of unit variance that shaft and blades modulate."""
     turns = shaft_hz * np.arange(n) / rate
     blades = int(rng.integers(3, 6))
@@ -76,9 +68,8 @@ def draw(seed: int, n_ships: int = 1, seconds: float = SECONDS) -> Drawn:
         time = seconds * (rng.uniform(0.35, 0.65) if n_ships == 1 else
                           (0.3, 0.7)[number] + rng.uniform(-0.08, 0.08))  # fmt: skip
         path = straight(
-            time, rng.uniform(3.0, 9.0), flat, rng.uniform(0.0, 360.0),
-            rng.choice([-1.0, 1.0]),
-        )  # fmt: skip
+            time, rng.uniform(3.0, 9.0), flat, rng.uniform(0.0, 360.0), rng.choice([-1.0, 1.0])
+        )
         source = rng.uniform(2.0, 6.0)
         heard = arriving(
             made, path, source_m=source, sensor_m=depth, rate=RATE_HZ, seconds=seconds,

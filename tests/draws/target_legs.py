@@ -70,9 +70,7 @@ def draw_way(rng, legs):
 
 def own_at(time_s, own):
     """Own place at times, s."""
-    return np.stack(
-        [np.interp(time_s, own.time_s, p) for p in (own.east_m, own.north_m)]
-    )
+    return np.stack([np.interp(time_s, own.time_s, p) for p in (own.east_m, own.north_m)])
 
 
 def draw(kind, legs, seed):
@@ -108,9 +106,7 @@ def draw(kind, legs, seed):
     error = TOLD["position_std_m"] * markov(
         rng, own.time_s.size, float(np.median(np.diff(own.time_s))), CORRELATION_S, (2,)
     )
-    return table, replace(
-        own, east_m=own.east_m + error[0], north_m=own.north_m + error[1]
-    ), way  # fmt: skip
+    return table, replace(own, east_m=own.east_m + error[0], north_m=own.north_m + error[1]), way
 
 
 def seen(way, own, time_s):
@@ -154,16 +150,14 @@ def score(kind, legs, seed):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = estimate_motion(
-            table, None, own, sound_speed_mps=SOUND_MPS, updates=1,
-            nuisances=Nuisances(**TOLD),
-        )  # fmt: skip
+            table, None, own, sound_speed_mps=SOUND_MPS, updates=1, nuisances=Nuisances(**TOLD)
+        )
     true_own = own_ship("S1-T1")
     modes = []
     for mode in range(found.mode.size):
         first, now = (
             deviations(
-                *columns(found, prefix, slice(mode, mode + 1)),
-                seen(way, true_own, np.array([at])),
+                *columns(found, prefix, slice(mode, mode + 1)), seen(way, true_own, np.array([at]))
             )
             for prefix, at in (("", 0.0), ("now_", table.time_s[-1]))
         )
@@ -208,13 +202,9 @@ def main(kind, legs, seed, count):
              f"several modes {several}")]  # fmt: skip
     rows = [("first row", [one[0] for one in chosen])]
     rows += [("last row", [one[1] for one in chosen])]
-    rows += [
-        (f"leg {leg + 1}", [one[2][:, leg] for one in right]) for leg in range(legs)
-    ]
+    rows += [(f"leg {leg + 1}", [one[2][:, leg] for one in right]) for leg in range(legs)]
     for name, values in rows:
-        told = (
-            f"{key} {share([one[k] for one in values])}" for k, key in enumerate(NAMES)
-        )
+        told = (f"{key} {share([one[k] for one in values])}" for k, key in enumerate(NAMES))
         lines.append(f"  {name}: {', '.join(told)}")
     lines.append(f"  alterations: {share([one[3] for one in right])}")
     sys.stdout.write("\n".join(lines) + "\n")

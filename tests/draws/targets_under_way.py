@@ -92,9 +92,7 @@ def turning(seed, turn_degps=3.0, scans=60, density=1e-5):
     fine = np.arange(0.0, scans, 0.1)
     angle = np.radians(turn_degps) * np.clip(fine - begin, 0.0, end - begin)
     angle = (angle if draw.random() < 0.5 else -angle) + draw.uniform(0.0, 2.0 * np.pi)
-    way = np.cumsum(2.0 * np.stack([np.sin(angle), np.cos(angle)], axis=1), axis=0)[
-        ::10
-    ]
+    way = np.cumsum(2.0 * np.stack([np.sin(angle), np.cos(angle)], axis=1), axis=0)[::10]
     number, rows = [], []
     for k in range(scans):
         heard = [way[k] + 5.0 * draw.standard_normal(2)] * (draw.random() < DETECTION)
@@ -126,9 +124,7 @@ def _table(draws):
     lags = (0, 2, 5, 10, 20, 1000)
     models = {
         "straight, turns": TargetMotion(acceleration_std=0.3, turn_rate_degps=3.0),
-        "straight, accelerations of 3 m/s^2": TargetMotion(
-            acceleration_std=0.3, manoeuvre_std=3.0
-        ),
+        "straight, accelerations of 3 m/s^2": TargetMotion(acceleration_std=0.3, manoeuvre_std=3.0),
     }
     titles = ["motion models", "filter", *(f"lag {lag}" for lag in lags[1:-1]), "whole"]
     yield "| " + " | ".join(titles) + " |"

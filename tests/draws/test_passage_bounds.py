@@ -34,12 +34,7 @@ def test_the_bounds_are_the_published_ones(ratios, published):
 
 def test_wander_bounds_the_speed_as_published():
     """Section 6: (jitter / M) sqrt(2 tau / W) of the speed; a fit to it 7 %."""
-    case = {
-        "cn0_db_hz": 28.0,
-        "snr_db": 3.0,
-        "surface_image": 0.0,
-        "frequency_jitter": 1e-3,
-    }
+    case = {"cn0_db_hz": 28.0, "snr_db": 3.0, "surface_image": 0.0, "frequency_jitter": 1e-3}
     found = bounds(trial_scenario(case, 1), 0)
     law = 1e-3 / (SPEED_MPS / 1500.0) * np.sqrt(2 * 20.0 / 600.0)
     assert 0.6 * law < found["speed"] < 1.4 * law
@@ -49,9 +44,7 @@ def test_wander_bounds_the_speed_as_published():
 @pytest.mark.parametrize("jitter", [0.0, 1e-4])
 def test_a_gear_change_costs_a_rest_frequency_where_the_lines_bend(jitter):
     """Far behind the passage it costs nothing; at it, the step of the Doppler shift."""
-    case = {
-        "cn0_db_hz": 28.0, "snr_db": -30.0, "surface_image": 0.0, "frequency_jitter": jitter
-    }  # fmt: skip
+    case = {"cn0_db_hz": 28.0, "snr_db": -30.0, "surface_image": 0.0, "frequency_jitter": jitter}
     scenario = trial_scenario(case, 1)
     (vessel,) = scenario.vessels
     time_s = vessel.closest_approach.time_s
@@ -71,12 +64,7 @@ def test_a_gear_change_costs_a_rest_frequency_where_the_lines_bend(jitter):
 
 def test_a_tilted_spectrum_is_loud_below_and_as_strong_in_all():
     """The simulator's law: power in the band is stated, density falls as stated."""
-    case = {
-        "cn0_db_hz": 28.0,
-        "snr_db": 3.0,
-        "surface_image": 0.0,
-        "frequency_jitter": 0.0,
-    }
+    case = {"cn0_db_hz": 28.0, "snr_db": 3.0, "surface_image": 0.0, "frequency_jitter": 0.0}
     scenario = trial_scenario(case, 1)
     (vessel,) = scenario.vessels
     low, high = vessel.broadband.band_hz
@@ -88,8 +76,6 @@ def test_a_tilted_spectrum_is_loud_below_and_as_strong_in_all():
         return _density(scenario, replace(vessel, broadband=plan), grid, at)[:, 0]
 
     flat, tilted = density(0.0), density(-20.0)
-    assert np.trapezoid(tilted, grid) == pytest.approx(
-        np.trapezoid(flat, grid), rel=5e-3
-    )
+    assert np.trapezoid(tilted, grid) == pytest.approx(np.trapezoid(flat, grid), rel=5e-3)
     fall = 10 * np.log10(tilted[0] / tilted[-1])
     assert fall == pytest.approx(20 * np.log10(high / low), rel=1e-6)

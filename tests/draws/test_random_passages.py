@@ -5,11 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.draws.random_passages import (
-    DISTURBANCES,
-    SAMPLE_RATES_HZ,
-    draw_scenario,
-)
+from tests.draws.random_passages import DISTURBANCES, SAMPLE_RATES_HZ, draw_scenario
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.simulate import simulate_recordings, truth
 
@@ -64,9 +60,7 @@ def test_drawn_values_cover_their_ranges():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_a_drawn_recording_can_be_made_and_is_finite(seed):
-    scenario = draw_scenario(
-        seed, sample_rate_hz=4000.0, duration_s=30.0, kinds=list(DISTURBANCES)
-    )
+    scenario = draw_scenario(seed, sample_rate_hz=4000.0, duration_s=30.0, kinds=list(DISTURBANCES))
     (recording,) = simulate_recordings(scenario)
     sound = np.concatenate(list(recording.reader(60_000)))
     assert sound.shape == (120_000, recording.n_channels)

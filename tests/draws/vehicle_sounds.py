@@ -113,18 +113,10 @@ def one_pass(rng, kind, closest_s, length_s, rate):
         ratio = rng.uniform(1.2, 1.4) ** rng.choice([-1, 1])
         engine *= ratio ** (0.5 + 0.5 * np.tanh(lag_of_gear / rng.uniform(0.1, 0.4)))
         engine *= 1 + rng.uniform(0, 0.25) * np.exp(-0.5 * (lag_of_gear / 0.35) ** 2)
-    numbers = np.arange(1, rng.integers(6, 20)) * (
-        1.0 if flies else rng.choice([0.5, 1])
-    )
-    gains = 10 ** (
-        -numbers * rng.uniform(0.3, 2.0) / 20 + rng.normal(0, 0.25, numbers.size)
-    )
-    tones_db = (
-        rng.uniform(0, 10) if kind in {"motorbike", "aircraft"} else rng.uniform(-10, 8)
-    )
-    sound = 10 ** (tones_db / 20) * orders(
-        rng, engine, rate, numbers, gains, rng.uniform(1, 4)
-    )
+    numbers = np.arange(1, rng.integers(6, 20)) * (1.0 if flies else rng.choice([0.5, 1]))
+    gains = 10 ** (-numbers * rng.uniform(0.3, 2.0) / 20 + rng.normal(0, 0.25, numbers.size))
+    tones_db = rng.uniform(0, 10) if kind in {"motorbike", "aircraft"} else rng.uniform(-10, 8)
+    sound = 10 ** (tones_db / 20) * orders(rng, engine, rate, numbers, gains, rng.uniform(1, 4))
     sound += coloured(rng, n, rate, rng.uniform(-6, -1), 80, min(0.45 * rate, 8000))
     gains_db = rng.uniform(-3, 3), rng.uniform(-2.4, 2.4)
     time = np.arange(int(length_s * rate)) / rate
@@ -133,17 +125,12 @@ def one_pass(rng, kind, closest_s, length_s, rate):
     out += rng.uniform(0, 0.9) * heard(
         time, lambda t: place(t, mirrored), sound, first_s, rate, gains_db
     )
-    return out * slant / sound.std(), Pass(
-        closest_s, speed, float(np.hypot(aside, height))
-    )
+    return out * slant / sound.std(), Pass(closest_s, speed, float(np.hypot(aside, height)))
 
 
 def vehicles(rng, kind):
     """Draw a recording of 8-60 s: rate, sound and the passages in it."""
-    rate, length_s = (
-        int(rng.choice([8000, 11025, 16000, 22050, 48000])),
-        rng.uniform(8, 45),
-    )
+    rate, length_s = (int(rng.choice([8000, 11025, 16000, 22050, 48000])), rng.uniform(8, 45))
     closest = np.sort(rng.uniform(0.2, 0.8, 1 + (kind == "two cars"))) * length_s
     pairs = [one_pass(rng, kind, float(at), length_s, rate) for at in closest]
     quiet = surroundings(rng, pairs[0][0].size, rate)
@@ -178,12 +165,8 @@ def standing(rng):
     numbers = np.arange(1, rng.integers(6, 20)) * rng.choice([0.5, 1])
     gains = 10 ** (-numbers * rng.uniform(0.3, 2.0) / 20)
     sound = orders(rng, engine_hz, rate, numbers, gains, rng.uniform(1, 4))
-    sound += 10 ** (rng.uniform(-8, 8) / 20) * coloured(
-        rng, n, rate, -3, 80, 0.45 * rate
-    )
-    load_db = rng.uniform(0, 40) * changes + rng.uniform(0, 3) * wander(
-        rng, n, rate, 2.0
-    )
+    sound += 10 ** (rng.uniform(-8, 8) / 20) * coloured(rng, n, rate, -3, 80, 0.45 * rate)
+    load_db = rng.uniform(0, 40) * changes + rng.uniform(0, 3) * wander(rng, n, rate, 2.0)
     return rate, sound * 10 ** (load_db / 20) + surroundings(rng, n, rate), []
 
 
@@ -193,13 +176,9 @@ def ship(rng):
     if rng.random() < 0.5:
         spacing = float(np.exp(rng.uniform(*np.log((1.2, 9.0)))))
     n = int(rng.uniform(300, 480) * rate)
-    shaft = spacing * (
-        1 + rng.uniform(1e-4, 2e-3) * wander(rng, n, rate, rng.uniform(20, 120))
-    )
+    shaft = spacing * (1 + rng.uniform(1e-4, 2e-3) * wander(rng, n, rate, rng.uniform(20, 120)))
     numbers = np.arange(35 if spacing < 4 else rng.integers(8, 30)) + rng.integers(1, 4)
-    comb = orders(
-        rng, shaft, rate, numbers, 10 ** rng.normal(0, 0.15, numbers.size), 2.0
-    )
+    comb = orders(rng, shaft, rate, numbers, 10 ** rng.normal(0, 0.15, numbers.size), 2.0)
     surf = coloured(rng, n, rate, rng.uniform(-6, -3), 5, 0.48 * rate)
     surf *= 10 ** (rng.uniform(1, 4) * wander(rng, n, rate, 8.0) / 20)
     shrimp = np.where(rng.random(n) < 20 / rate, rng.exponential(3.0, n), 0.0)
@@ -216,7 +195,5 @@ def recording_file(rng, kind, path):
         scaled = np.stack([scaled, 0.9 * np.roll(scaled, 5)], axis=1)
     is_coarse = rng.random() < 0.2
     whole = np.round(scaled * 127 + 128).astype("u1")
-    wavfile.write(
-        path, rate, whole if is_coarse else np.round(scaled * 32767).astype("<i2")
-    )
+    wavfile.write(path, rate, whole if is_coarse else np.round(scaled * 32767).astype("<i2"))
     return truth

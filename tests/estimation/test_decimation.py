@@ -22,8 +22,7 @@ def decimated(samples, factor, block=1 << 18):
     samples = np.asarray(samples, np.float32).reshape(len(samples), -1)
     decimator = Decimator(factor)
     parts = [
-        decimator.feed(samples[first : first + block])
-        for first in range(0, len(samples), block)
+        decimator.feed(samples[first : first + block]) for first in range(0, len(samples), block)
     ]
     return np.concatenate([*parts, decimator.finish(samples.shape[1])])
 
@@ -63,9 +62,7 @@ def test_blocks_change_no_bit(factor, n_channels):
     for block in (1, 777, 4096):
         if block == 1:
             few = samples[:3000]
-            assert (
-                decimated(few, factor, 1).tobytes() == decimated(few, factor).tobytes()
-            )
+            assert decimated(few, factor, 1).tobytes() == decimated(few, factor).tobytes()
         else:
             assert decimated(samples, factor, block).tobytes() == whole.tobytes()
 

@@ -13,11 +13,7 @@ from uwtrack_cli.estimation.detection_threshold import (
 )
 from uwtrack_cli.estimation.information_reduction import information_reduction
 from uwtrack_cli.estimation.operating_curve import model_curve
-from uwtrack_cli.estimation.probabilistic_association import (
-    associate,
-    correct,
-    innovate,
-)
+from uwtrack_cli.estimation.probabilistic_association import associate, correct, innovate
 
 OPTIMA = load_reference("clutter")["prior_optimum"]
 MODELS = {"power": "fluctuating", "gaussian": "gaussian"}
@@ -53,18 +49,12 @@ def _scans(runs, points, seed):
     measured = rng.normal(0.0, 9.0, (runs, points, 2))
     amplitude = rng.rayleigh(1.6, (runs, points))
     present = rng.random((runs, points)) < 0.8
-    innovation = innovate(
-        np.zeros((runs, 4)), covariance, measured, present, 5.0 * np.eye(2)[None]
-    )
+    innovation = innovate(np.zeros((runs, 4)), covariance, measured, present, 5.0 * np.eye(2)[None])
     return covariance, innovation, amplitude, innovation.distance2 < 16.0
 
 
-@pytest.mark.parametrize(
-    ("model", "signal_to_noise"), [("fluctuating", 10.0), ("gaussian", 4.5)]
-)
-def test_the_threshold_after_the_scan_is_never_below_a_fine_grid(
-    model, signal_to_noise
-):
+@pytest.mark.parametrize(("model", "signal_to_noise"), [("fluctuating", 10.0), ("gaussian", 4.5)])
+def test_the_threshold_after_the_scan_is_never_below_a_fine_grid(model, signal_to_noise):
     curve = model_curve(model, signal_to_noise)
     covariance, innovation, amplitude, gated = _scans(300, 6, seed=1)
     inside = chi2.cdf(16.0, 2)

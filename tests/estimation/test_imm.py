@@ -13,9 +13,8 @@ def _belief(seed=1, runs=3):
     root = rng.normal(size=(2, runs, 2, 2))
     weight = rng.random((2, runs))
     return Belief(
-        rng.normal(size=(2, runs, 2)), root @ np.swapaxes(root, -1, -2),
-        weight / weight.sum(axis=0),
-    )  # fmt: skip
+        rng.normal(size=(2, runs, 2)), root @ np.swapaxes(root, -1, -2), weight / weight.sum(axis=0)
+    )
 
 
 def test_mixing_keeps_the_mean_and_the_covariance_of_the_whole():
@@ -38,9 +37,8 @@ def test_no_switching_leaves_every_filter_alone():
 def test_two_equal_filters_are_one():
     belief = _belief()
     same = Belief(
-        np.stack([belief.mean[0]] * 2), np.stack([belief.covariance[0]] * 2),
-        belief.probability,
-    )  # fmt: skip
+        np.stack([belief.mean[0]] * 2), np.stack([belief.covariance[0]] * 2), belief.probability
+    )
     mean, covariance = moments(mix(same, SWITCHING))
     np.testing.assert_allclose(mean, belief.mean[0])
     np.testing.assert_allclose(covariance, belief.covariance[0])
@@ -57,9 +55,7 @@ def test_a_mixture_worked_by_hand():
 
 
 def test_the_model_that_foresaw_the_scan_gains_by_bayes_rule():
-    belief = Belief(
-        np.zeros((2, 1, 2)), np.zeros((2, 1, 2, 2)), np.array([[0.8], [0.2]])
-    )
+    belief = Belief(np.zeros((2, 1, 2)), np.zeros((2, 1, 2, 2)), np.array([[0.8], [0.2]]))
     weight = reweigh(belief, np.log([[1e-300], [4e-300]]))
     assert weight[:, 0] == pytest.approx([0.5, 0.5])
 

@@ -16,9 +16,7 @@ from uwtrack_cli.estimation.information_reduction import (
 TABLES = load_reference("clutter")["information_reduction"]
 
 
-@pytest.mark.parametrize(
-    "table", TABLES, ids=lambda t: f"M={t['dimension']},g={t['gate']:g}"
-)
+@pytest.mark.parametrize("table", TABLES, ids=lambda t: f"M={t['dimension']},g={t['gate']:g}")
 def test_every_entry_of_the_reference_table_is_met_to_1e_5(table):
     ours = information_reduction(
         np.array(table["detection_probability"])[:, None],
@@ -29,9 +27,7 @@ def test_every_entry_of_the_reference_table_is_met_to_1e_5(table):
     np.testing.assert_allclose(ours, table["q2"], rtol=0.0, atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("dimension", "gate"), [(1, 3.0), (2, 4.0), (3, 4.0), (4, 5.0)]
-)
+@pytest.mark.parametrize(("dimension", "gate"), [(1, 3.0), (2, 4.0), (3, 4.0), (4, 5.0)])
 def test_without_clutter_only_misses_and_the_gate_cost_information(dimension, gate):
     expected = 0.7 * chi2.cdf(gate**2, dimension + 2)
     ours = information_reduction(0.7, 0.0, dimension=dimension, gate=gate)
@@ -75,16 +71,9 @@ def test_a_direct_simulation_of_the_association_gives_the_same_factor():
     seen = (rng.random((runs, 1)) < detection) & ((target**2).sum(-1) < gate**2)
     points = np.concatenate([target, places], axis=1)
     weight = np.where(
-        np.concatenate([seen, inside], axis=1),
-        np.exp(-0.5 * (points**2).sum(-1)), 0.0,
-    )  # fmt: skip
-    background = (
-        2.0
-        * clutter
-        / gate**2
-        * (1 - detection * gate_probability(gate, 2))
-        / detection
+        np.concatenate([seen, inside], axis=1), np.exp(-0.5 * (points**2).sum(-1)), 0.0
     )
+    background = 2.0 * clutter / gate**2 * (1 - detection * gate_probability(gate, 2)) / detection
     weight /= background + weight.sum(axis=1, keepdims=True)
     gained = ((weight[..., None] * points).sum(axis=1) ** 2).sum(axis=-1) / 2.0
     error = gained.std() / math.sqrt(runs)

@@ -16,9 +16,7 @@ def enumerated(weight, missed):
         used = [i for i in choice if i >= 0]
         if len(set(used)) < len(used):
             continue
-        likelihood = np.prod([
-            missed[t] if i < 0 else weight[t, i] for t, i in enumerate(choice)
-        ])  # fmt: skip
+        likelihood = np.prod([missed[t] if i < 0 else weight[t, i] for t, i in enumerate(choice)])
         total += likelihood
         for target, i in enumerate(choice):
             if i < 0:
@@ -31,9 +29,7 @@ def enumerated(weight, missed):
 @pytest.mark.parametrize("seed", range(12))
 def test_marginals_are_those_of_all_hypotheses(seed):
     draw = np.random.default_rng(seed)
-    weight = draw.lognormal(1.0, 2.0, (4, 5)) * (
-        draw.random((4, 5)) < 0.2 + 0.06 * seed
-    )
+    weight = draw.lognormal(1.0, 2.0, (4, 5)) * (draw.random((4, 5)) < 0.2 + 0.06 * seed)
     missed = draw.uniform(0.01, 0.9, 4)
     found = associate_jointly(weight, missed)
     miss, joint = enumerated(weight, missed)
@@ -72,9 +68,7 @@ def test_many_targets_in_a_row_are_exact_without_an_exhaustive_sum():
     before = [np.array([1.0, 0.0])]
     for _ in range(n):
         free, taken = before[-1]
-        before.append(
-            np.array([0.5 * (free + taken) + 3.0 * free, 3.0 * (free + taken)])
-        )
+        before.append(np.array([0.5 * (free + taken) + 3.0 * free, 3.0 * (free + taken)]))
     last = before[-1][1] / before[-1].sum()
     assert found.n_omitted == 0
     assert found.weight[-1, -1] == pytest.approx(last, rel=1e-12)

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from uwtrack_cli.estimation.angles import wrap_deg
-from uwtrack_cli.estimation.kalman import (
-    KalmanState,
-    advance,
-    predict,
-    smooth_all,
-    update,
-)
+from uwtrack_cli.estimation.kalman import KalmanState, advance, predict, smooth_all, update
 
 
 def _steady(q: float, r: float) -> tuple[float, float, float, float]:

@@ -29,16 +29,12 @@ def any_step(_, step):
 
 
 def test_damped_steps_reach_scipys_optimum_from_every_start():
-    found = damped_least_squares(
-        evaluate, STARTS, any_step, max_steps=60, tolerance=1e-14
-    )
+    found = damped_least_squares(evaluate, STARTS, any_step, max_steps=60, tolerance=1e-14)
     oracle = least_squares(residual, [1.0, 0.1], xtol=1e-14).x
     np.testing.assert_allclose(found, np.tile(oracle, (3, 1)), rtol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("lower", "upper"), [([0.0, 0.0], [2.5, 9.0]), ([3.5, 0.0], [9.0, 0.75])]
-)
+@pytest.mark.parametrize(("lower", "upper"), [([0.0, 0.0], [2.5, 9.0]), ([3.5, 0.0], [9.0, 0.75])])
 def test_bounds_are_met_where_scipy_meets_them(lower, upper):
     bounds = np.array(lower), np.array(upper)
     found = damped_least_squares(
@@ -76,8 +72,7 @@ def test_rows_that_are_done_drop_out_and_end_where_they_do_alone():
     assert all(1 not in rows for rows in asked[1:])
     assert len(asked[1]) == 2
     alone = [
-        damped_least_squares(evaluate, one[np.newaxis], any_step, **options)[0]
-        for one in starts
+        damped_least_squares(evaluate, one[np.newaxis], any_step, **options)[0] for one in starts
     ]
     np.testing.assert_array_equal(found, alone)
 
@@ -114,9 +109,8 @@ def linear(theta, _):
 def test_a_bound_is_met_in_one_step_and_the_others_go_with_it():
     bounds = np.full(3, -9.0), np.array([0.5, 9.0, 9.0])
     found = damped_least_squares(
-        linear, np.zeros((1, 3)), any_step, bounds=bounds, max_steps=1,
-        first_damping=0.0,
-    )  # fmt: skip
+        linear, np.zeros((1, 3)), any_step, bounds=bounds, max_steps=1, first_damping=0.0
+    )
     oracle = lsq_linear(DESIGN, VALUES, bounds, tol=1e-14).x
     assert oracle[0] == pytest.approx(0.5)
     np.testing.assert_allclose(found[0], oracle, rtol=1e-5)
@@ -131,9 +125,7 @@ def test_the_last_step_is_taken_unseen_unless_it_gains_next_to_nothing():
 
     start = np.array([[1.0, -2.0, 4.0]])
     gain = 2.0 * linear(start, None)[0][0]
-    found = damped_least_squares(
-        counted, start, any_step, tolerance=1.1 * gain, first_damping=0.0
-    )
+    found = damped_least_squares(counted, start, any_step, tolerance=1.1 * gain, first_damping=0.0)
     assert len(asked) == 1
     np.testing.assert_allclose(found[0], [1.0, -2.0, 3.0], rtol=1e-6)
     found = damped_least_squares(

@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 
-from uwtrack_cli.estimation.noise_floor import (
-    independent_cells,
-    noise_floor,
-    threshold_factor,
-)
+from uwtrack_cli.estimation.noise_floor import independent_cells, noise_floor, threshold_factor
 
 
 def cells(shape, seed=1):
@@ -89,9 +85,8 @@ def test_frames_of_a_gap_neither_have_a_floor_nor_lower_it():
 def test_a_gain_scales_the_floor_and_nothing_else():
     power = cells((16, 300))
     np.testing.assert_allclose(
-        noise_floor(power * 8.0, np.ones(16)), 8.0 * noise_floor(power, np.ones(16)),
-        rtol=1e-6,
-    )  # fmt: skip
+        noise_floor(power * 8.0, np.ones(16)), 8.0 * noise_floor(power, np.ones(16)), rtol=1e-6
+    )
 
 
 def test_the_threshold_over_a_known_floor_is_that_of_exponential_noise():
@@ -127,9 +122,7 @@ def test_overlap_and_padding_leave_fewer_independent_cells():
 
 @pytest.mark.parametrize("step_db", [10.0, 20.0, 40.0])
 @pytest.mark.parametrize("edge", [480, 488, 495])
-def test_beside_a_sharp_edge_noise_passes_as_often_as_elsewhere(
-    step_db: float, edge: int
-) -> None:
+def test_beside_a_sharp_edge_noise_passes_as_often_as_elsewhere(step_db: float, edge: int) -> None:
     rng = np.random.default_rng(9)
     level = np.where(np.arange(960) < edge, 1.0, 10.0 ** (-step_db / 10.0))
     passed = []
@@ -167,9 +160,7 @@ def test_on_steep_ground_the_floor_is_no_staircase(height_db, width):
     assert high[:, steep].mean() < 1.6e-3
 
 
-@pytest.mark.parametrize(
-    ("order", "corner"), [(3, 0.45), (4, 0.4), (6, 0.35), (6, 0.47)]
-)
+@pytest.mark.parametrize(("order", "corner"), [(3, 0.45), (4, 0.4), (6, 0.35), (6, 0.47)])
 def test_on_the_slope_of_a_recorder_noise_passes_about_as_seldom(order, corner):
     """A digital Butterworth filter falls without end below half the sample rate."""
     turn = np.arange(1000) / 2000.0 * np.pi

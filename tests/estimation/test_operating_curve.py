@@ -31,9 +31,7 @@ TABLE = np.array(load_reference("clutter")["detector"]["rows"])
 def test_the_reference_table_is_met_to_every_digit(model, signal_to_noise, column):
     curve = model_curve(model, signal_to_noise)
     np.testing.assert_allclose(curve.threshold(TABLE[:, 0]), TABLE[:, 1], atol=6e-6)
-    np.testing.assert_allclose(
-        curve.detection(TABLE[:, 0]), TABLE[:, column], atol=6e-6
-    )
+    np.testing.assert_allclose(curve.detection(TABLE[:, 0]), TABLE[:, column], atol=6e-6)
 
 
 def test_marcums_function_is_the_noncentral_chi_square_tail():
@@ -50,9 +48,7 @@ def test_threshold_and_false_alarm_are_inverse():
 
 def test_a_measured_curve_is_read_between_its_points_and_back():
     curve = measured_curve(
-        np.array([1e-3, 1e-2, 1e-1]),
-        np.array([0.2, 0.5, 0.8]),
-        np.array([30.0, 20, 10]),
+        np.array([1e-3, 1e-2, 1e-1]), np.array([0.2, 0.5, 0.8]), np.array([30.0, 20, 10])
     )
     middle = np.array(10.0**-1.5)
     assert curve.detection(middle) == pytest.approx(0.65)

@@ -11,11 +11,7 @@ from studies.rows import load_reference
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.constant_velocity import constant_velocity
 from uwtrack_cli.estimation.information_reduction import gate_probability
-from uwtrack_cli.estimation.probabilistic_association import (
-    associate,
-    correct,
-    innovate,
-)
+from uwtrack_cli.estimation.probabilistic_association import associate, correct, innovate
 
 GOLDEN = load_reference("clutter_golden")
 
@@ -123,9 +119,7 @@ def test_equal_accuracies_give_the_same_answer_written_once_or_per_measurement()
     rng = np.random.default_rng(4)
     measured = rng.normal(0.0, 3.0, (6, 2))
     covariance = np.diag([5.0, 1.0, 6.0, 2.0])
-    points = {
-        "clutter_density": 0.02, "detection_probability": 0.7, "gate_probability": 0.999,
-    }  # fmt: skip
+    points = {"clutter_density": 0.02, "detection_probability": 0.7, "gate_probability": 0.999}
     once = _scan(np.zeros(4), covariance, measured, 2.0 * np.eye(2)[None], **points)
     each = np.broadcast_to(2.0 * np.eye(2), (6, 2, 2))
     per = _scan(np.zeros(4), covariance, measured, each, **points)
@@ -200,9 +194,8 @@ def test_distances_gains_and_reductions_are_those_of_the_matrices(dimension):
         roots = rng.standard_normal((1 if shared else 4, dimension, dimension))
         noise = roots @ np.swapaxes(roots, -1, -2) + np.eye(dimension)
         found = innovate(
-            mean[None], covariance[None], measured[None], np.ones((1, 4), dtype=bool),
-            noise[None],
-        )  # fmt: skip
+            mean[None], covariance[None], measured[None], np.ones((1, 4), dtype=bool), noise[None]
+        )
         for k in range(4):
             each = 0 if shared else k
             spread = covariance[::2, ::2] + noise[each]
@@ -210,10 +203,6 @@ def test_distances_gains_and_reductions_are_those_of_the_matrices(dimension):
             nu = measured[k] - mean[::2]
             np.testing.assert_allclose(found.gain[0, each], gain)
             np.testing.assert_allclose(found.move[0, k], gain @ nu)
-            np.testing.assert_allclose(
-                found.reduction[0, each], gain @ spread @ gain.T, atol=1e-12
-            )
+            np.testing.assert_allclose(found.reduction[0, each], gain @ spread @ gain.T, atol=1e-12)
             assert found.determinant[0, each] == pytest.approx(np.linalg.det(spread))
-            assert found.distance2[0, k] == pytest.approx(
-                nu @ np.linalg.solve(spread, nu)
-            )
+            assert found.distance2[0, k] == pytest.approx(nu @ np.linalg.solve(spread, nu))

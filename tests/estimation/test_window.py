@@ -22,9 +22,7 @@ def test_noise_bandwidth_is_one_and_a_half_bins():
 def test_response_is_the_transform_of_the_window(offset):
     window, n = hann(2048), np.arange(2048)
     transform = np.abs(np.sum(window * np.exp(-2j * np.pi * offset * n / 2048)))
-    assert response(np.array(offset)) == pytest.approx(
-        transform / window.sum(), abs=1e-5
-    )
+    assert response(np.array(offset)) == pytest.approx(transform / window.sum(), abs=1e-5)
 
 
 @pytest.mark.parametrize("step", [1.0, 0.5])

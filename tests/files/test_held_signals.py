@@ -27,9 +27,7 @@ def n_open_files():
      (ProductStore, "finish", 1), (FailSafeFile, "write", 1),
      (FailSafeFile, "write", 5), (FailSafeFile, "truncate", 1)],
 )  # fmt: skip
-def test_a_signal_within_a_write_waits_for_its_end(
-    tmp_path, monkeypatch, owner, name, call
-):
+def test_a_signal_within_a_write_waits_for_its_end(tmp_path, monkeypatch, owner, name, call):
     """It comes before the call has done its work, which is done all the same."""
     usual, calls, done, lost = getattr(owner, name), [], [], []
 
@@ -99,7 +97,6 @@ def test_a_worker_that_is_interrupted_says_nothing():
         "worker_pool._serve(theirs, os.getppid())\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False,
-        timeout=60,
-    )  # fmt: skip
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60
+    )
     assert (done.returncode, done.stderr) == (0, "")

@@ -62,9 +62,7 @@ def compare(events, encounters, presence, end_s):
         if finals[0] < end_s:
             final_late.append(finals[0] - row["time_s"] - 4 * width_s)
             n_after += len(finals) > 1
-    heard = {
-        k: rows[-1] for k, rows in _by_number(events, "presence", "segment").items()
-    }
+    heard = {k: rows[-1] for k, rows in _by_number(events, "presence", "segment").items()}
     keys = ("kind", "from_s", "to_s", "n_lines", "spacing_hz")
     own = sorted(repr([row[key] for key in keys]) for row in heard.values())
     theirs = sorted(repr([row[key] for key in keys]) for row in presence)

@@ -16,9 +16,7 @@ def ring_around(longitude, radius_deg, turn=1.0):
     angle = turn * np.linspace(0.0, 2.0 * np.pi, 33)
     x = longitude + radius_deg * np.cos(angle)
     wrapped = (x + 180.0) % 360.0 - 180.0
-    ring = [
-        (float(a), float(b)) for a, b in zip(wrapped, 20 + np.sin(angle), strict=True)
-    ]
+    ring = [(float(a), float(b)) for a, b in zip(wrapped, 20 + np.sin(angle), strict=True)]
     return [*ring[:-1], ring[0]]
 
 

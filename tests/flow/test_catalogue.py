@@ -30,9 +30,7 @@ UNITS = {
 def is_numeric(kind):
     """Whether a type is, or holds, a number."""
     parts = get_args(kind)
-    return kind in {int, float} or (
-        get_origin(kind) is not Literal and any(map(is_numeric, parts))
-    )
+    return kind in {int, float} or (get_origin(kind) is not Literal and any(map(is_numeric, parts)))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -168,7 +166,5 @@ def test_help_imports_no_slow_module():
         "found=slow & {m.split('.')[0] for m in sys.modules}\n"
         "sys.exit(f'slow: {found}' if found else 0)\n"
     )
-    done = run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False
-    )
+    done = run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -79,11 +79,10 @@ def test_nan_agrees_with_nan_and_with_nothing_else(differences):
 def test_ragged_tables_are_compared_by_their_numbers(differences):
     one, other = (
         replace(
-            changed(), ambiguity_encounter=[0], ambiguity_side=["port"],
-            ambiguity_weight=[weight],
+            changed(), ambiguity_encounter=[0], ambiguity_side=["port"], ambiguity_weight=[weight]
         )
         for weight in (0.5, 0.5000001)
-    )  # fmt: skip
+    )
     assert set(differences([one], [other])) == {"ambiguity_weight"}
     assert differences([one], [other], rtol=1e-3) == {}
 

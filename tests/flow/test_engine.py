@@ -56,9 +56,8 @@ def by_library(short_pass):
     encounters = find_encounters(lines, levels, recording.sensor, recording=recording)
     return {
         type(c): c
-        for c in (Peaks.join(peaks), Families.join(families), lines, levels, overview,
-                  encounters)
-    }  # fmt: skip
+        for c in (Peaks.join(peaks), Families.join(families), lines, levels, overview, encounters)
+    }
 
 
 def test_a_run_is_the_library(short_pass, by_library):
@@ -112,9 +111,7 @@ def test_how_the_sound_is_read_does_not_matter(block):
     sound = tone + white_noise(time.size, 2, density=1e-2, rate_hz=2000.0)
     sound += 0.3 * np.sin(2 * np.pi * 400 * time + rng.uniform())
     recipe = load_recipe("vessel")
-    one, other = (
-        run_recipe(recording_of(sound, 2000.0, block=b), recipe) for b in (block, None)
-    )
+    one, other = (run_recipe(recording_of(sound, 2000.0, block=b), recipe) for b in (block, None))
     for first, second in zip(one[2:], other[2:], strict=True):
         assert first.equals(second), first.NAME
 

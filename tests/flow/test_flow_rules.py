@@ -48,9 +48,7 @@ def test_segments_to_look_at_reach_ten_seconds_or_five_widths_and_are_joined():
     )  # fmt: skip
     found = zoom._segments(known, rises, lines)
     # quick is less than eight of the long frames; of the others nothing is asked
-    assert found == [
-        (90.0, 110.0), (180.0, 220.0), (300.0 - 79.5, 379.5), (490.0, 510.0)
-    ]  # fmt: skip
+    assert found == [(90.0, 110.0), (180.0, 220.0), (300.0 - 79.5, 379.5), (490.0, 510.0)]
     assert zoom._segments(known, None, None) == []
 
 
@@ -84,15 +82,12 @@ def test_passages_of_a_segment_are_told_in_the_recordings_time_if_well_inside():
     assert found.change_time_s == pytest.approx(found.time_s + 1.0)
     early = zoom._placed(table, -5.0, 15.0, recording)  # the sound begins at zero
     assert early.time_s == pytest.approx([2.1, 1.9, 10.0])
-    late = zoom._placed(
-        encounters_of(passage(9.0), passage(11.0)), 90.0, 110.0, recording
-    )
+    late = zoom._placed(encounters_of(passage(9.0), passage(11.0)), 90.0, 110.0, recording)
     assert late.time_s == pytest.approx([99.0])
 
 
 @pytest.mark.parametrize(
-    ("at_s", "is_kept"),
-    [(50.0, True), (52.9, True), (53.1, False), (70.0, False), (82.9, True)],
+    ("at_s", "is_kept"), [(50.0, True), (52.9, True), (53.1, False), (70.0, False), (82.9, True)]
 )
 def test_by_the_level_alone_is_kept_what_rises_in_the_whole_recording(at_s, is_kept):
     """Within both widths of a passage that is known, or of a rise of the level."""
@@ -106,9 +101,8 @@ def test_by_the_level_alone_is_kept_what_rises_in_the_whole_recording(at_s, is_k
 def test_a_segment_of_a_recording_knows_when_it_begins():
     sound = np.arange(400.0, dtype=np.float32)[:, None]
     whole = replace(
-        recording_of(sound, 4.0), reader=HeldSamples(sound), first_sample=40,
-        start_utc_ns=10**18,
-    )  # fmt: skip
+        recording_of(sound, 4.0), reader=HeldSamples(sound), first_sample=40, start_utc_ns=10**18
+    )
     for start_s, first in ((-3.0, 0), (20.25, 81)):
         part = zoom._part(whole, start_s, 30.0)
         assert part.first_sample == 40 + first
@@ -120,9 +114,7 @@ def test_a_segment_of_a_recording_knows_when_it_begins():
 
 
 def test_a_segment_of_joined_files_is_their_samples_and_nothing_between():
-    one, two = (
-        np.arange(a, b, dtype=np.float32)[:, None] for a, b in ((0, 30), (50, 90))
-    )
+    one, two = (np.arange(a, b, dtype=np.float32)[:, None] for a, b in ((0, 30), (50, 90)))
     joined = JoinedReader(((0, 30, HeldSamples(one)), (50, 40, HeldSamples(two))), 1)
     whole = np.full((120, 1), np.nan, np.float32)
     whole[:30], whole[50:90] = one, two
@@ -133,11 +125,7 @@ def test_a_segment_of_joined_files_is_their_samples_and_nothing_between():
 
 def difference(a, b, name="range_m", **closeness):
     key = ("encounters", "h1", name)
-    found = list(
-        comparison._compare_numbers(
-            key, np.array(a), np.array(b), Closeness(**closeness)
-        )
-    )
+    found = list(comparison._compare_numbers(key, np.array(a), np.array(b), Closeness(**closeness)))
     assert len(found) <= 1
     return found[0] if found else None
 
@@ -216,9 +204,7 @@ def test_progress_of_the_fits_follows_that_of_the_sound():
 
 def block_of(*rows):
     """Points (line, time, frequency, SNR); nan is a point that coasts."""
-    line, time_s, frequency_hz, snr_db = (
-        np.array(c, float) for c in zip(*rows, strict=True)
-    )
+    line, time_s, frequency_hz, snr_db = (np.array(c, float) for c in zip(*rows, strict=True))
     return SimpleNamespace(
         line=line.astype(int), time_s=time_s, frequency_hz=frequency_hz,
         measured_snr_db=snr_db,
@@ -235,20 +221,13 @@ def test_lines_are_told_as_they_begin_and_with_all_of_them_as_they_end():
         said.append((*told, is_final))
 
     lines = _OpenLines(step, say)
-    lines.add(
-        block_of((3, 5.0, 101.0, 9.0), (3, 4.0, 99.0, 3.0), (3, 6.0, 100.0, np.nan))
-    )
+    lines.add(block_of((3, 5.0, 101.0, 9.0), (3, 4.0, 99.0, 3.0), (3, 6.0, 100.0, np.nan)))
     lines.add(block_of((3, 7.0, 98.0, 8.0), (5, 7.0, 50.0, np.nan)))
     lines.add(block_of((5, 8.0, 52.0, 7.0)))
     lines.add(SimpleNamespace(line=np.zeros(0, int)))
     lines.finish()
     told = [(f["line"], t, r, final) for t, f, r, final in said]
-    assert told == [
-        (3, 4.0, 0, False),
-        (5, 7.0, 0, False),
-        (3, 4.0, 1, True),
-        (5, 7.0, 1, True),
-    ]
+    assert told == [(3, 4.0, 0, False), (5, 7.0, 0, False), (3, 4.0, 1, True), (5, 7.0, 1, True)]
     assert said[0][1] == {
         "step": "track", "line": 3, "time_s": 4.0, "end_time_s": 6.0,
         "frequency_hz": 100.0, "frequency_low_hz": 99.0, "frequency_high_hz": 101.0,
@@ -256,11 +235,7 @@ def test_lines_are_told_as_they_begin_and_with_all_of_them_as_they_end():
     }  # fmt: skip
     assert said[1][1]["snr_db"] is None
     last = said[2][1]
-    assert (last["end_time_s"], last["frequency_hz"], last["n_points"]) == (
-        7.0,
-        98.0,
-        4,
-    )
+    assert (last["end_time_s"], last["frequency_hz"], last["n_points"]) == (7.0, 98.0, 4)
     assert (last["frequency_low_hz"], last["frequency_high_hz"]) == (98.0, 101.0)
     last = said[3][1]
     assert (last["frequency_low_hz"], last["frequency_high_hz"]) == (50.0, 52.0)
@@ -270,9 +245,7 @@ def test_lines_are_told_as_they_begin_and_with_all_of_them_as_they_end():
     ("apart_s", "std_s", "is_twin"),
     [(3.0, 0.0, True), (9.0, 0.0, False), (9.0, 3.0, True), (25.0, 3.0, False)],
 )
-def test_two_parts_mean_one_passage_as_far_as_their_times_are_sure(
-    apart_s, std_s, is_twin
-):
+def test_two_parts_mean_one_passage_as_far_as_their_times_are_sure(apart_s, std_s, is_twin):
     second = 10**9
     own = [
         recorder_folder.OwnSpan(0, 100 * second, frozenset("ab")),
@@ -295,9 +268,7 @@ def test_two_parts_mean_one_passage_as_far_as_their_times_are_sure(
         ((True, False, False), "dB re full scale; 1 sensors are calibrated"),
     ],
 )  # fmt: skip
-def test_levels_are_those_of_a_pressure_where_all_sensors_are_calibrated(
-    calibrated, words
-):
+def test_levels_are_those_of_a_pressure_where_all_sensors_are_calibrated(calibrated, words):
     sensors = [
         Sensor(id=f"h{k}", full_scale_db=160.0 if known else None, depth_m=12.5)
         for k, known in enumerate(calibrated)
@@ -331,9 +302,7 @@ def test_a_sensor_stands_on_the_map_at_its_longitude_and_latitude():
 
 
 def test_a_report_is_written_anew_with_names_as_they_are(tmp_path):
-    outcome = Outcome(
-        "Küste.wav", str(tmp_path / "Küste.run.h5"), FAILED, "no sound", 1
-    )
+    outcome = Outcome("Küste.wav", str(tmp_path / "Küste.run.h5"), FAILED, "no sound", 1)
     for _ in range(2):
         table, lines = write_report([outcome], tmp_path)
     (line,) = lines.read_text(encoding="utf-8").splitlines()

@@ -29,9 +29,7 @@ def sets(n, m, seed):
 def test_gospa_is_that_of_stone_soup(n, m, order):
     for seed in range(5):
         found, true = sets(n, m, seed)
-        metric, _ = GOSPAMetric(p=order, c=40.0).compute_gospa_metric(
-            states(found), states(true)
-        )
+        metric, _ = GOSPAMetric(p=order, c=40.0).compute_gospa_metric(states(found), states(true))
         ours = gospa(found, true, cutoff_m=40.0, order=order)
         assert ours.distance_m == pytest.approx(metric.value["distance"], abs=1e-9)
 
@@ -40,12 +38,8 @@ def test_gospa_is_that_of_stone_soup(n, m, order):
 def test_ospa_of_order_one_is_that_of_stone_soup(n, m):
     for seed in range(5):
         found, true = sets(n, m, seed)
-        theirs = OSPAMetric(p=1.0, c=40.0).compute_OSPA_distance(
-            states(found), states(true)
-        )
-        assert ospa(found, true, cutoff_m=40.0, order=1.0) == pytest.approx(
-            theirs.value
-        )
+        theirs = OSPAMetric(p=1.0, c=40.0).compute_OSPA_distance(states(found), states(true))
+        assert ospa(found, true, cutoff_m=40.0, order=1.0) == pytest.approx(theirs.value)
 
 
 @pytest.mark.parametrize(("n", "m"), [(1, 1), (3, 3), (4, 2), (2, 5)])
@@ -53,10 +47,7 @@ def test_ospa_of_order_two_is_the_least_over_all_assignments(n, m):
     found, true = sets(n, m, 9)
     small, large = (found, true) if n <= m else (true, found)
     least = min(
-        sum(
-            min(np.linalg.norm(small[i] - large[j]), 40.0) ** 2
-            for i, j in enumerate(order)
-        )
+        sum(min(np.linalg.norm(small[i] - large[j]), 40.0) ** 2 for i, j in enumerate(order))
         for order in permutations(range(len(large)), len(small))
     )
     expected = np.sqrt((least + 40.0**2 * abs(n - m)) / max(n, m))

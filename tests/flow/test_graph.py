@@ -35,11 +35,7 @@ from uwtrack_cli.flow.catalogue import STAGES
 from uwtrack_cli.flow.engine import Engine, MemorySink, run_recipe
 from uwtrack_cli.flow.products import run_into_product
 from uwtrack_cli.flow.recipe import Recipe
-from uwtrack_cli.flow.rerun_sources import (
-    SourceFinder,
-    _navigation_of,
-    read_tables,
-)
+from uwtrack_cli.flow.rerun_sources import SourceFinder, _navigation_of, read_tables
 from uwtrack_cli.flow.shipped_recipes import load_recipe, shipped_recipes
 from uwtrack_cli.flow.stage import plain
 from uwtrack_cli.simulate.recordings import simulate_recordings
@@ -173,9 +169,7 @@ def test_combs_of_auto_are_heard_in_presence(gone):
     recording = comb_sound(spacing_hz * teeth, level_db=-5.0, seconds=200.0, seed=5)
     recipe = load_recipe("auto")
     steps = {step.name: step for step in recipe.steps}
-    resolution = {"long-combs": "long-spectrogram", "slow-combs": "slow-spectrogram"}[
-        gone
-    ]
+    resolution = {"long-combs": "long-spectrogram", "slow-combs": "slow-spectrogram"}[gone]
     own = [steps[resolution], steps[gone]]
     read = replace(steps["presence"], inputs=(gone,))
     found = results(replace(recipe, steps=(*own, read)), recording)["presence"]
@@ -309,9 +303,7 @@ def test_results_of_a_step_keep_its_name_in_the_product(tmp_path):
         usual = product.read(Lines, step="")
         fine = product.read(Lines, step="fine-track")
         assert usual.frequency_hz.tobytes() == expected["track"].frequency_hz.tobytes()
-        assert (
-            fine.frequency_hz.tobytes() == expected["fine-track"].frequency_hz.tobytes()
-        )
+        assert fine.frequency_hz.tobytes() == expected["fine-track"].frequency_hz.tobytes()
         steps = {s.step_name: s for s in product.history}
     assert steps["fine-track"].stage == "track"
     assert steps["fine-track"].inputs == ("fine-peaks",)
@@ -327,9 +319,7 @@ def test_a_product_of_branches_is_made_again_from_its_history(uwtrack, short_pas
     again = uwtrack("rerun", "p.run.h5", "--source", short_pass, "-o", "again.run.h5")
     assert again.exit_code == 0, again.output
     assert uwtrack("diff", "p.run.h5", "again.run.h5").exit_code == 0
-    shown = uwtrack(
-        "show", "p.run.h5", "lines", "--step", "fine-track", "--format", "csv"
-    )
+    shown = uwtrack("show", "p.run.h5", "lines", "--step", "fine-track", "--format", "csv")
     assert shown.exit_code == 0, shown.output
     unclear = uwtrack("show", "p.run.h5", "lines")
     assert unclear.exit_code == 1
@@ -402,9 +392,7 @@ def test_a_command_asks_for_the_branch_and_takes_it(words, uwtrack, branched, sa
     assert "name one of them with --step" in " ".join(plain.stderr.split())
     unknown = uwtrack(*words.format(branched).split(), "--step", "nobody")
     assert unknown.exit_code == 1
-    assert "without a step 'nobody'; its steps: spectrogram," in " ".join(
-        unknown.stderr.split()
-    )
+    assert "without a step 'nobody'; its steps: spectrogram," in " ".join(unknown.stderr.split())
     chosen = uwtrack(*words.format(branched).split(), "--step", "fine-track")
     assert chosen.exit_code == 0, chosen.output
 
@@ -440,9 +428,7 @@ def test_the_navigation_that_a_sensor_file_names_is_no_table_of_its_own(tmp_path
 
 def test_a_table_of_delays_is_read_again_with_its_sensor(tmp_path):
     table, sensor = tmp_path / "d.csv", tmp_path / "a.sensor.toml"
-    table.write_text(
-        "time_s,channel_a,channel_b,delay_s,delay_std_s\n0,a,b,0.001,1e-5\n"
-    )
+    table.write_text("time_s,channel_a,channel_b,delay_s,delay_std_s\n0,a,b,0.001,1e-5\n")
     sensor.write_text('id = "tripod"\n')
     sources = tuple(map(source_of, (sensor, table)))
     past = HistoryStep(stage="directions", sources=sources)
@@ -477,8 +463,7 @@ def test_a_marked_output_is_kept_though_it_only_passes_by():
 def test_a_graph_without_steps_lacks_what_they_alone_feed():
     graph = load_recipe("auto").graph()
     names = [
-        step.name
-        for step in graph.without(["long-lines", "long-levels", "transients"]).steps()
+        step.name for step in graph.without(["long-lines", "long-levels", "transients"]).steps()
     ]
     assert "long-cpa" not in names  # closest approaches of nothing
     left = {node.step.name: node for node in graph.without(["long-lines"]).nodes}
@@ -521,9 +506,7 @@ def test_a_product_of_single_commands_is_made_again(uwtrack, short_pass):
     assert set(inputs["cpa"]) == {"track", "levels"}
 
 
-@pytest.mark.parametrize(
-    "path", sorted(RECIPES_0_1.glob("*.toml")), ids=lambda p: p.stem
-)
+@pytest.mark.parametrize("path", sorted(RECIPES_0_1.glob("*.toml")), ids=lambda p: p.stem)
 def test_a_recipe_that_came_with_0_1_0_still_joins(path):
     steps = load_recipe(path).steps
     written = tomllib.loads(path.read_text(encoding="utf-8"))

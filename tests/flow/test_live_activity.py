@@ -8,13 +8,7 @@ from tests.support import recording_of, white_noise
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.data.transients import LEVEL, Transients
-from uwtrack_cli.flow.live_activity import (
-    ALWAYS,
-    HeardSpan,
-    ToldPassage,
-    is_worth_a_look,
-    spans_of,
-)
+from uwtrack_cli.flow.live_activity import ALWAYS, HeardSpan, ToldPassage, is_worth_a_look, spans_of
 from uwtrack_cli.lines.track import track_lines
 from uwtrack_cli.presence.level_humps import level_humps
 from uwtrack_cli.spectra.levels import measure_levels

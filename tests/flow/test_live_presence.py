@@ -29,9 +29,7 @@ def heard():
         assert event == "presence"
         assert time_s == facts["from_s"]
         assert "contact" not in facts
-        said.append(
-            (facts["segment"], revision, is_final, facts["kind"], facts["to_s"])
-        )
+        said.append((facts["segment"], revision, is_final, facts["kind"], facts["to_s"]))
 
     return LivePresence(say), said
 
@@ -100,9 +98,7 @@ def test_other_lines_or_another_time_are_another_segment(heard):
     assert [told[0] for told in said] == [1, 2, 3]
 
 
-@pytest.mark.parametrize(
-    "more", [{"kind": "unknown"}, {"probability_of_chance": 0.01}], ids=str
-)
+@pytest.mark.parametrize("more", [{"kind": "unknown"}, {"probability_of_chance": 0.01}], ids=str)
 def test_what_may_be_chance_is_told_at_the_end_alone(heard, more):
     known, said = heard
     known.see([row(20, 100, **more)], (0, 100), 160)

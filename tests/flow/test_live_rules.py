@@ -9,12 +9,7 @@ import numpy as np
 import pytest
 
 from uwtrack_cli.flow import live_events, live_presence
-from uwtrack_cli.flow.live_activity import (
-    HeardSpan,
-    ToldPassage,
-    _joined,
-    is_worth_a_look,
-)
+from uwtrack_cli.flow.live_activity import HeardSpan, ToldPassage, _joined, is_worth_a_look
 from uwtrack_cli.flow.live_events import _Passage, _Passages
 
 
@@ -29,9 +24,7 @@ def passage(time_s=100.0, std_s=2.0, width_s=20.0, lines=(63.0,), **more):
 
 def test_an_event_is_told_again_where_its_time_and_lines_are_the_same():
     """By the odds of `same_vessel`; another machine at that time is another vessel."""
-    known = [
-        _Passage(passage(500.0), 1, 0, 9.0), _Passage(passage(100.0), 2, 0, 9.0),
-    ]  # fmt: skip
+    known = [_Passage(passage(500.0), 1, 0, 9.0), _Passage(passage(100.0), 2, 0, 9.0)]
     assert live_events._nearest(passage(103.0), known) is known[1]
     assert live_events._nearest(passage(300.0), known) is None
     assert live_events._nearest(passage(103.0), []) is None
@@ -47,9 +40,7 @@ def test_passages_are_paired_the_nearest_first_and_one_to_one():
         rows = [passage(t) for t in rng.uniform(90.0, 125.0, 4)]
         known = [_Passage(passage(t), 1, 0, 9.0) for t in rng.uniform(90.0, 125.0, 3)]
         found = live_events._paired(rows, known)
-        apart = np.array([
-            [abs(r["time_s"] - p.row["time_s"]) for r in rows] for p in known
-        ])  # fmt: skip
+        apart = np.array([[abs(r["time_s"] - p.row["time_s"]) for r in rows] for p in known])
         (limit,) = [
             t for t in np.arange(0.0, 40.0, 0.01)
             if live_events._nearest(passage(t), [_Passage(passage(0.0), 1, 0, 9.0)])
@@ -189,7 +180,7 @@ NO_LINES = {"lines": ()}
         (row(0, 99, (5.0,), spacing_hz=10.0), row(0, 9, (9.0,), spacing_hz=10.09), True),
         (row(0, 99, (5.0,), spacing_hz=10.0), row(0, 9, (9.0,), spacing_hz=10.11), False),
     ],
-)  # fmt: skip
+)
 def test_two_segments_are_one_by_time_and_lines(one, other, is_one):
     assert live_presence._are_one(one, other) == is_one
     assert live_presence._are_one(other, one) == is_one
@@ -258,8 +249,7 @@ def test_what_may_be_chance_is_not_told(kind, chance, is_certain):
 
 def test_segments_are_paired_by_the_time_that_they_share():
     told = [
-        live_presence._Told(one, one, k, 160.0)
-        for k, one in enumerate((row(0, 100), row(80, 300)))
+        live_presence._Told(one, one, k, 160.0) for k, one in enumerate((row(0, 100), row(80, 300)))
     ]
     for rows in permutations([row(90, 310), row(0, 95), row(500, 600)]):
         found = {t.number: r for t, r in live_presence._paired(rows, told)}

@@ -33,8 +33,7 @@ def way(one, other):
 def test_a_motion_has_its_place_its_way_and_its_region(motions):
     features = geographic_features([motions], "p.h5")
     place, track, region = (
-        next(one for one in features if one.kind == kind)
-        for kind in ("motion", "track", "ellipse")
+        next(one for one in features if one.kind == kind) for kind in ("motion", "track", "ellipse")
     )
     assert place.places == ((LONGITUDE, LATITUDE),)
     far, course = way(*track.places)

@@ -27,9 +27,8 @@ START_NS = 1_714_564_800 * 10**9  # 2024-05-01T12:00:00Z
 
 
 def write_result(
-    path, day=0, times=(100.0,), sensor="h1", place=(35.0, 128.5), more=(),
-    start_ns=None, **facts,
-):  # fmt: skip
+    path, day=0, times=(100.0,), sensor="h1", place=(35.0, 128.5), more=(), start_ns=None, **facts
+):
     """Write a product with passages at some times of a day."""
     start = START_NS + day * 86_400 * 10**9 if start_ns is None else start_ns
     own = Sensor(id=sensor, latitude=place[0], longitude=place[1])
@@ -81,10 +80,7 @@ def test_levels_stand_beside_their_passages(tmp_path, uwtrack):
         "JOIN levels l USING (file, contact) GROUP BY ALL ORDER BY top"
     )
     found = uwtrack("passages", folder, "--sql", query, "--to", "json").stdout
-    assert json.loads(found) == [
-        {"contact": 2, "top": 168.25},
-        {"contact": 1, "top": 171},
-    ]
+    assert json.loads(found) == [{"contact": 2, "top": 168.25}, {"contact": 1, "top": 171}]
     target = tmp_path / "l.parquet"
     uwtrack("passages", folder, "--bands", "--to", "parquet", "-o", target)
     assert len(duckdb.read_parquet(str(target)).fetchall()) == 4
@@ -176,9 +172,7 @@ def test_only_what_is_new_is_read(folder, tmp_path):
     assert len(collect_passages([folder], cache=cache).passages) == 4
 
 
-def test_a_remembered_product_is_named_as_it_is_named_now(
-    folder, tmp_path, monkeypatch
-):
+def test_a_remembered_product_is_named_as_it_is_named_now(folder, tmp_path, monkeypatch):
     """A report of a folder finds its products from any other one."""
     cache = tmp_path / "cache" / "p.sqlite"
     monkeypatch.chdir(folder)
@@ -189,9 +183,7 @@ def test_a_remembered_product_is_named_as_it_is_named_now(
     assert {Path(row.file).parent for row in again.passages} == {folder}
 
 
-def test_what_was_read_before_an_interrupt_is_not_read_again(
-    folder, tmp_path, monkeypatch
-):
+def test_what_was_read_before_an_interrupt_is_not_read_again(folder, tmp_path, monkeypatch):
     cache = tmp_path / "p.sqlite"
     whole = passages.read_many
 
@@ -238,9 +230,7 @@ def test_sound_that_several_results_read_is_counted_once(tmp_path, uwtrack):
     write_result(tmp_path / "c.run.h5", 0, times=(), sensor="h2")
     words = ("passages", tmp_path, "--fresh", "--to", "json", "--per")
     (day,) = json.loads(uwtrack(*words, "day").stdout)
-    assert day == {
-        "day": "2024-05-01", "passages": 0, "hours": 0.417, "passages_per_hour": 0.0
-    }  # fmt: skip
+    assert day == {"day": "2024-05-01", "passages": 0, "hours": 0.417, "passages_per_hour": 0.0}
     rows = json.loads(uwtrack(*words, "sensor").stdout)
     assert [row["hours"] for row in rows] == [0.25, 0.167]
     assert uwtrack("report", tmp_path, "-o", "r.html").exit_code == 0
@@ -345,9 +335,7 @@ def test_an_empty_folder_and_a_missing_file_are_named(uwtrack, tmp_path):
     assert "does not exist" in uwtrack("passages", "nowhere.h5").stderr
 
 
-def test_a_run_is_in_the_table_with_its_position(
-    uwtrack, pass_run, monkeypatch, tmp_path
-):
+def test_a_run_is_in_the_table_with_its_position(uwtrack, pass_run, monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     features = json.loads(uwtrack("passages", pass_run, "--to", "geojson").stdout)
     (feature,) = features["features"]

@@ -63,9 +63,7 @@ def test_hours_without_sound_are_a_gap_of_the_day_that_is_said_with_its_length()
     (part,) = plan_parts(spans, Joining(per="day"))
     assert part.files == (0, 1, 2, 3)
     by_day = list(remarks(paths, spans, Joining(per="day"), is_joined=True))
-    assert by_day == [
-        "4 files from 0.wav on follow each other with 1 gap of 34960.0 s together."
-    ]
+    assert by_day == ["4 files from 0.wav on follow each other with 1 gap of 34960.0 s together."]
     apart = list(remarks(paths, spans, Joining(), is_joined=True))
     assert len(apart) == 2
     assert all("2 files" in text for text in apart)
@@ -87,9 +85,7 @@ def test_parts_tile_the_recording_and_read_beside_themselves():
 
 def test_a_file_over_midnight_is_in_both_days_and_a_gap_in_none():
     over = files([-10.0], length_s=20.0)
-    assert [p.label for p in plan_parts(over, Joining(per="day"))] == [
-        "2024-05-01", "2024-05-02",
-    ]  # fmt: skip
+    assert [p.label for p in plan_parts(over, Joining(per="day"))] == ["2024-05-01", "2024-05-02"]
     apart = files([0.0, 3.0 * DAY_NS / S])
     labels = [p.label for p in plan_parts(apart, Joining(per="day"))]
     assert labels == ["2024-05-02", "2024-05-05"]
@@ -132,17 +128,13 @@ def test_parts_of_other_recordings_have_passages_of_their_own():
     apart = [own(0, 100, "a"), own(100, 200, "z"), None]
     kept = distinct_passages([[99.9], [100.1], [100.0]], apart, time_of)
     assert kept == [[99.9], [100.1], [100.0]]
-    unknown = distinct_passages(
-        [[None], [None]], [own(0, 1, "a"), own(1, 2, "a")], time_of
-    )
+    unknown = distinct_passages([[None], [None]], [own(0, 1, "a"), own(1, 2, "a")], time_of)
     assert unknown == [[None], [None]]
 
 
 def test_short_parts_share_a_passage_over_several_of_them():
     owns = [own(20 * k, 20 * k + 20, k, k + 1) for k in range(8)]
-    near = [
-        [70.0 + 0.1 * k] if abs(20 * k + 10 - 70) <= GUARD_S else [] for k in range(8)
-    ]
+    near = [[70.0 + 0.1 * k] if abs(20 * k + 10 - 70) <= GUARD_S else [] for k in range(8)]
     kept = distinct_passages(near, owns, time_of)
     assert kept == [[], [], [], [70.3], [], [], [], []]
 

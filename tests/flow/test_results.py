@@ -9,15 +9,7 @@ import numpy as np
 import pytest
 
 import uwtrack_cli
-from uwtrack_cli import (
-    Lines,
-    OptionError,
-    UwtrackWarning,
-    read_results,
-    run,
-    to_pandas,
-    to_xarray,
-)  # fmt: skip
+from uwtrack_cli import Lines, OptionError, UwtrackWarning, read_results, run, to_pandas, to_xarray
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.files.hdf5.layout import CONTAINERS
 

@@ -29,9 +29,7 @@ def test_the_contact_that_moves_is_told_from_the_repeater(uwtrack, samples):
     words = ["contacts.csv", "--own-ship", "observer.csv"]
     words = [samples / w if w.endswith(".csv") else w for w in words]
     assert uwtrack("discriminate", *words, "-o", "d.h5").exit_code == 0
-    decision = json.loads(
-        uwtrack("show", "d.h5", "decision", "--format", "json").stdout
-    )
+    decision = json.loads(uwtrack("show", "d.h5", "decision", "--format", "json").stdout)
     assert decision["moving_contact"] == 1
 
 
@@ -47,8 +45,7 @@ def test_the_target_in_clutter_is_followed(uwtrack, samples):
     truth = json.loads((samples / "scans.truth.json").read_text())
     true_m = dict(zip(truth["time_s"], truth["z_1_m"], strict=True))
     sigmas = [
-        abs(row["state"][0] - true_m[round(row["time_s"])])
-        / row["state_covariance"][0][0] ** 0.5
+        abs(row["state"][0] - true_m[round(row["time_s"])]) / row["state_covariance"][0][0] ** 0.5
         for row in rows
     ]
     assert len(rows) > 45

@@ -144,9 +144,7 @@ def test_moving_platform_is_written_with_its_navigation(tmp_path):
     assert "sensitivity_db_re_v_per_upa" not in facts
     rows = np.genfromtxt(written[3], delimiter=",", names=True)
     assert rows["heading_deg"] == pytest.approx(20.0)
-    assert np.hypot(rows["east_m"], rows["north_m"])[4] == pytest.approx(
-        12.3467, abs=1e-3
-    )
+    assert np.hypot(rows["east_m"], rows["north_m"])[4] == pytest.approx(12.3467, abs=1e-3)
     sensor = find_sensor(written[0])
     assert sensor is not None
     assert sensor.navigation is not None
@@ -154,9 +152,7 @@ def test_moving_platform_is_written_with_its_navigation(tmp_path):
     assert exact is not None
     np.testing.assert_allclose(sensor.navigation.east_m, exact.east_m, atol=1e-4)
     np.testing.assert_allclose(sensor.navigation.time_s, exact.time_s, atol=1e-3)
-    assert json.loads(written[2].read_text()) == json.loads(
-        json.dumps(truth(scenario, "boat"))
-    )
+    assert json.loads(written[2].read_text()) == json.loads(json.dumps(truth(scenario, "boat")))
     with pytest.raises(OutputError, match="boat"):
         write_simulation(scenario, tmp_path / "boat.wav")
 

@@ -92,13 +92,9 @@ def test_the_sigmas_of_right_error_bars_have_unit_scatter(truth_of):
     rng = np.random.default_rng(1)
     sigmas = []
     for _ in range(60):
-        values = {"time_s": 100.0 + rng.normal(0, 0.1),
-                  "speed_mps": 6.0 + rng.normal(0, 0.03)}  # fmt: skip
-        found = score_encounters(
-            encounters_of(estimate(**values)), truth_of(passage(1)), heard()
-        )
-        sigmas += [s.sigmas for s in found.scores
-                   if s.quantity in {"time_s", "speed_mps"}]  # fmt: skip
+        values = {"time_s": 100.0 + rng.normal(0, 0.1), "speed_mps": 6.0 + rng.normal(0, 0.03)}
+        found = score_encounters(encounters_of(estimate(**values)), truth_of(passage(1)), heard())
+        sigmas += [s.sigmas for s in found.scores if s.quantity in {"time_s", "speed_mps"}]
     assert np.std(sigmas) == pytest.approx(1.0, abs=3.0 / np.sqrt(2 * len(sigmas)))
 
 
@@ -145,9 +141,7 @@ def test_probability_of_a_passage_is_that_by_hand(truth_of, error_s):
 
 def test_probability_takes_every_quantity_that_is_known(truth_of):
     row = {"time_s": 110.0, "time_std_s": 0.1, "speed_mps": 7.0, "speed_std_mps": 0.01}
-    (who,) = score_encounters(
-        encounters_of(row), truth_of(passage(1)), heard()
-    ).identities
+    (who,) = score_encounters(encounters_of(row), truth_of(passage(1)), heard()).identities
     odds = odds_by_hand(10.0, 1.0)
     assert who.candidates[0][1] == pytest.approx(odds / (1.0 + odds), rel=1e-6)
 
@@ -170,9 +164,7 @@ def test_candidates_are_listed_by_falling_probability(truth_of):
     truth = truth_of(passage(1, time_s=92.0), passage(2), passage(3, time_s=105.0))
     row = {"time_s": 100.0, "time_std_s": 0.1}
     (who,) = score_encounters(encounters_of(row), truth, heard()).identities
-    assert [name for name, _ in who.candidates] == [
-        "ship2 (2)", "ship3 (3)", "ship1 (1)"
-    ]  # fmt: skip
+    assert [name for name, _ in who.candidates] == ["ship2 (2)", "ship3 (3)", "ship1 (1)"]
     assert sum(p for _, p in who.candidates) + who.unlisted == pytest.approx(1.0)
 
 
@@ -241,9 +233,7 @@ def geodesic_table(path, **sog):
     lines = ["Time,MMSI,Latitude_degrees,Longitude_degrees,COG_degrees,SOG_knots"]
     course = abeam["azi2"] - 90.0
     for second in range(0, 601, 10):
-        ahead = Geodesic.WGS84.Direct(
-            abeam["lat2"], abeam["lon2"], course, 5.0 * (second - 303.3)
-        )
+        ahead = Geodesic.WGS84.Direct(abeam["lat2"], abeam["lon2"], course, 5.0 * (second - 303.3))
         clock = f"2024-05-01 12:{second // 60:02d}:{second % 60:02d}"
         lines.append(
             f"{clock},123456789,{ahead['lat2']:.9f},{ahead['lon2']:.9f},"
@@ -317,9 +307,7 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_message_is_left_out_with_its_line_and_the_others_stay(
-    tmp_path, damage
-):
+def test_a_damaged_message_is_left_out_with_its_line_and_the_others_stay(tmp_path, damage):
     path = tmp_path / "ais.csv"
     whole = [f"2024-05-01 12:00:{k}0,219000001,55.1,12.{k},10,90" for k in range(1, 6)]
     head = "Time,MMSI,Latitude,Longitude,SOG,COG"
@@ -375,9 +363,7 @@ def test_tables_of_the_agencies_say_the_same(tmp_path, agency):
     assert track.vessel == "FÆRGE (219000001)"
     np.testing.assert_allclose(track.time_s, [0.0, 20.0, 40.0])
     np.testing.assert_allclose(track.second, [12.1, 12.2, 12.3])  # the first counts
-    np.testing.assert_allclose(
-        track.speed_mps, np.array([10, 10, np.nan]) / 1.94384, 1e-5
-    )
+    np.testing.assert_allclose(track.speed_mps, np.array([10, 10, np.nan]) / 1.94384, 1e-5)
 
 
 REAL = Path(os.environ.get("UWTRACK_REAL_DATA", "/nonexistent"))

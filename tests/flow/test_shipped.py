@@ -8,12 +8,7 @@ import soundfile
 
 import uwtrack_cli
 from uwtrack_cli.errors import DataError, OutputError
-from uwtrack_cli.flow.shipped_recipes import (
-    FOLDERS,
-    copy_sample,
-    sample_names,
-    shipped_folder,
-)
+from uwtrack_cli.flow.shipped_recipes import FOLDERS, copy_sample, sample_names, shipped_folder
 
 
 @pytest.mark.parametrize("name", FOLDERS)
@@ -38,9 +33,8 @@ def test_an_installed_package_makes_the_sound_of_a_sample(tmp_path, monkeypatch,
     checkout, names = shipped_folder("sample_data"), sample_names()
     package = tmp_path / "site" / "uwtrack_cli"
     shutil.copytree(
-        checkout, package / "_shipped" / "sample_data",
-        ignore=shutil.ignore_patterns("*.wav"),
-    )  # fmt: skip
+        checkout, package / "_shipped" / "sample_data", ignore=shutil.ignore_patterns("*.wav")
+    )
     monkeypatch.setattr(uwtrack_cli, "__file__", str(package / "__init__.py"))
     assert sample_names() == names
     copied = copy_sample(name, tmp_path)

@@ -8,15 +8,7 @@ import pytest
 import soundfile
 from scipy.signal import butter, sosfreqz
 
-from tests.draws.buoys import (
-    BEARING_DEG,
-    ROUGH,
-    heard,
-    held,
-    line_errors_deg,
-    line_scene,
-    scene,
-)
+from tests.draws.buoys import BEARING_DEG, ROUGH, heard, held, line_errors_deg, line_scene, scene
 from tests.support import recording_of
 from uwtrack_cli.data.recording import HeldSamples, Lock, Recording
 from uwtrack_cli.data.sensor import Sensor
@@ -128,9 +120,7 @@ def test_roll_offs_that_are_told_are_taken_off():
         sections = butter(order, edge, kind, fs=6000, output="sos")
         gain *= np.abs(sosfreqz(sections, edge_hz, fs=6000)[1])
     table = scene(2, 40.0, {})
-    told = ",".join(
-        f"{f}:{20 * np.log10(g)}" for f, g in zip(edge_hz, gain, strict=True)
-    )
+    told = ",".join(f"{f}:{20 * np.log10(g)}" for f, g in zip(edge_hz, gain, strict=True))
     found, _ = heard(held(table), response=told)
     bare = scene(2, 40.0)
     del bare["sensor"][0]["recorder"]
@@ -153,16 +143,12 @@ def test_roll_offs_that_are_told_are_taken_off():
         ("-north,east", 30.0),
     ],
 )
-def test_signs_are_those_of_the_compass_in_the_published_simulator_unless_told(
-    told, bearing_deg
-):
+def test_signs_are_those_of_the_compass_in_the_published_simulator_unless_told(told, bearing_deg):
     found, _ = heard(in_memory(composite(60.0, 4)), multiplex=told)
     omni, east, north = found.reader.samples[6000:18000].T.astype(float)
     assert np.abs(omni).max() == pytest.approx(0.1, rel=1e-3)
     east, north = (omni @ part / (omni @ omni) for part in (east, north))
-    assert np.degrees(np.arctan2(east, north)) % 360 == pytest.approx(
-        bearing_deg, abs=0.01
-    )
+    assert np.degrees(np.arctan2(east, north)) % 360 == pytest.approx(bearing_deg, abs=0.01)
     assert np.hypot(east, north) == pytest.approx(1.0, abs=1e-3)
 
 
@@ -182,28 +168,19 @@ def test_blocks_parts_and_segments_are_the_same_to_the_bit(rate):
     audio = composite(200.0, 6, rate)[: noise.size] + noise
     opened = demultiplex(in_memory(audio, rate))
     whole = np.concatenate(list(opened.reader(1 << 20)))
-    assert (
-        whole.shape
-        == (noise.size * 6000 // rate, 3)
-        == (opened.n_samples, opened.n_channels)
-    )
+    assert whole.shape == (noise.size * 6000 // rate, 3) == (opened.n_samples, opened.n_channels)
     assert np.isfinite(whole).all()
     for block in (1, 777, 6000, 6001) if rate == 44_100 else (5000,):
         parts = list(opened.reader(block))
         assert {len(part) for part in parts[:-1]} == {block}
         np.testing.assert_array_equal(np.concatenate(parts), whole)
     part = opened.part(8000, 21_000)
-    np.testing.assert_array_equal(
-        np.concatenate(list(part.reader(4096))), whole[8000:21_000]
-    )
+    np.testing.assert_array_equal(np.concatenate(list(part.reader(4096))), whole[8000:21_000])
     np.testing.assert_array_equal(part.reader.segment(1000, 9000), whole[9000:18_000])
 
 
 def test_lock_holds_at_12_db_and_is_back_within_a_second():
-    fades = [
-        {"start_s": 10.0, "duration_s": 0.05},
-        {"start_s": 20.33, "duration_s": 4.0},
-    ]
+    fades = [{"start_s": 10.0, "duration_s": 0.05}, {"start_s": 20.33, "duration_s": 4.0}]
     radio = {"radio_snr_db": 12.0, "phase_jitter_rad": 0.1, "fade": fades}
     with pytest.warns(match=r"from 10.0 to 10.1 s, 20.3 to 24.3 s; these 4.1 s"):
         found, reader = heard(held(scene(4, 40.0, radio)))
@@ -258,9 +235,7 @@ def test_a_clock_error_that_is_told_is_taken_off(uwtrack, tmp_path):
         sound = (tmp_path / f"{name}.wav").read_bytes()
         told = (*words, "--sensor", f"{name}.sensor.toml")
         assert uwtrack("run", f"{name}.wav", *told, "-o", f"{name}.h5").exit_code == 0
-        assert (
-            uwtrack("run", "-", *told, "-o", f"{name}-2.h5", input=sound).exit_code == 0
-        )
+        assert uwtrack("run", "-", *told, "-o", f"{name}-2.h5", input=sound).exit_code == 0
         assert uwtrack("diff", f"{name}.h5", f"{name}-2.h5").exit_code == 0
 
 
@@ -312,13 +287,9 @@ def test_a_pipe_gives_the_same_as_the_file(uwtrack, folder):
     live = uwtrack("difar", "-", "-o", "live.wav", *words, input=sound)
     assert live.exit_code == 0
     assert "lock on the pilots is lost for 2.04 s at 7.98 s" in live.stderr
-    assert (folder / "live.wav").read_bytes() == (
-        folder / "buoy.difar.wav"
-    ).read_bytes()
+    assert (folder / "live.wav").read_bytes() == (folder / "buoy.difar.wav").read_bytes()
     assert (
-        uwtrack(
-            "difar", "buoy.wav", "--follow", "--idle-s", "0.2", "-o", "grown.wav"
-        ).exit_code
+        uwtrack("difar", "buoy.wav", "--follow", "--idle-s", "0.2", "-o", "grown.wav").exit_code
         == 0
     )
     assert (folder / "grown.wav").read_bytes() == (folder / "live.wav").read_bytes()
@@ -370,9 +341,7 @@ def test_a_calibration_tells_the_signs(uwtrack, tmp_path, dipoles, offset_deg):
     passage = {"time_s": 60.0, "horizontal_range_m": 80.0, "speed_mps": 5.0,
                "course_deg": 20.0, "side": "port"}  # fmt: skip
     sound = {"band_hz": [100.0, 2000.0], "snr_db": 15.0}
-    table["vessel"] = [
-        {"name": "launch", "closest_approach": passage, "broadband": sound}
-    ]
+    table["vessel"] = [{"name": "launch", "closest_approach": passage, "broadband": sound}]
     table["sensor"][0]["compass_error_deg"] = offset_deg
     write_simulation(make_scenario(table), tmp_path / "buoy.wav")
     facts = (tmp_path / "buoy.sensor.toml").read_text()
@@ -393,9 +362,7 @@ def test_what_cannot_be_demultiplexed_is_told_in_one_sentence(uwtrack, tmp_path)
     noise = 0.1 * np.random.default_rng(2).standard_normal(2 * RATE)
     soundfile.write("noise.wav", noise, RATE)
     soundfile.write("slow.wav", noise, 32_000)
-    one = composite(60.0, 2) + 0.2 * np.sin(
-        4.0 * np.pi * 7500.0 * np.arange(2 * RATE) / RATE
-    )
+    one = composite(60.0, 2) + 0.2 * np.sin(4.0 * np.pi * 7500.0 * np.arange(2 * RATE) / RATE)
     soundfile.write("narrow.wav", one + 1e-3 * noise, RATE)
     soundfile.write("stereo.wav", np.stack([noise, noise], axis=1), RATE)
     for name, words in (

@@ -12,9 +12,7 @@ EAST_AT_5 = VesselTrack(
     vessel="ferry", time_s=TIME_S, first=5.0 * TIME_S, second=np.full(2, 100.0),
     speed_mps=np.full(2, 5.0), course_deg=np.full(2, 90.0),
 )  # fmt: skip
-TRUTH = Truth(
-    name="made.json", start_utc_ns=None, is_geographic=False, tracks=(EAST_AT_5,)
-)
+TRUTH = Truth(name="made.json", start_utc_ns=None, is_geographic=False, tracks=(EAST_AT_5,))
 
 
 def fixes_of(weights):

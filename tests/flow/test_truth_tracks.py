@@ -11,11 +11,7 @@ from uwtrack_cli.acoustics.geodesy import Origin, to_grid
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.truth import Truth, VesselTrack
 from uwtrack_cli.flow import calibration
-from uwtrack_cli.flow.scoring.ais_passages import (
-    _approaches,
-    _passage,
-    interpolate_track,
-)
+from uwtrack_cli.flow.scoring.ais_passages import _approaches, _passage, interpolate_track
 
 
 def track_of(time_s, east, north, speed=None, course=None):
@@ -58,15 +54,13 @@ def test_a_passage_of_a_straight_track_is_closed_form(course_deg, side):
         to_grid(50.001, -1.0, origin)[1] / 0.001, to_grid(50.0, -0.999, origin)[0] / 0.001
     ]  # fmt: skip
     track = track_of(
-        time_s, 50.0 + np.full(time_s.size, 400.0) / per_degree[0],
-        -1.0 + along / per_degree[1],
-    )  # fmt: skip
+        time_s, 50.0 + np.full(time_s.size, 400.0) / per_degree[0], -1.0 + along / per_degree[1]
+    )
     (found,) = _approaches(track, origin, (0.0, 690.0))
     assert found[0] == pytest.approx(300.0, abs=0.5)
     truth = Truth(
-        name="t", start_utc_ns=0, is_geographic=True, tracks=(track,),
-        position_std_m=10.0,
-    )  # fmt: skip
+        name="t", start_utc_ns=0, is_geographic=True, tracks=(track,), position_std_m=10.0
+    )
     row = _passage(truth, track, sensor, (300.0, (0.0, 400.0), found[2]))
     depth_m = 63.0 - calibration.SOURCE_DEPTH_M
     slant_m = np.hypot(400.0, depth_m)
@@ -106,9 +100,7 @@ def calibration_track(clock=None, **facts):
 
 
 @pytest.mark.parametrize("clock_std_s", [0.0, 0.5])
-def test_known_bearings_and_their_slopes_are_those_of_the_place_of_the_sound(
-    clock_std_s,
-):
+def test_known_bearings_and_their_slopes_are_those_of_the_place_of_the_sound(clock_std_s):
     _, sensor, truth = calibration_track(clock_std_s)
     (own,) = calibration._tracks(truth, sensor, (0.0, 300.0))
     time_s = np.arange(100.0, 300.0, 20.0)
@@ -132,9 +124,7 @@ def test_known_bearings_and_their_slopes_are_those_of_the_place_of_the_sound(
     slopes = [north / range_m**2, -east / range_m**2, -4.0 * north / range_m**2]
     std = [5.0, 5.0, clock_std_s]
     count = 3 if clock_std_s else 2
-    assert np.allclose(
-        known.slope, np.stack(slopes[:count], axis=-1), rtol=0.02, atol=1e-6
-    )
+    assert np.allclose(known.slope, np.stack(slopes[:count], axis=-1), rtol=0.02, atol=1e-6)
     assert known.prior_std == pytest.approx(std[:count])
     fixed = replace(sensor, channels="omni,east,north", depth_m=None)
     plain = calibration._passage(fixed, truth, frames, (own, time_s, used))
@@ -145,12 +135,7 @@ def test_known_bearings_and_their_slopes_are_those_of_the_place_of_the_sound(
 
 @pytest.mark.parametrize(
     ("one_deg", "other_deg", "wanted_deg"),
-    [
-        (10.0, 350.0, 20.0),
-        (350.0, 10.0, -20.0),
-        (30.0, 10.0, 20.0),
-        (10.0, 95.0, -85.0),
-    ],
+    [(10.0, 350.0, 20.0), (350.0, 10.0, -20.0), (30.0, 10.0, 20.0), (10.0, 95.0, -85.0)],
 )
 def test_bearings_differ_the_short_way_round(one_deg, other_deg, wanted_deg):
     one, other = np.radians([one_deg]), np.radians([other_deg])
@@ -183,7 +168,7 @@ def test_what_was_measured_is_the_sensors():
     _, sensor, _ = calibration_track()
     fit = SimpleNamespace(
         value=np.array([1.1234567, 0.9, 0.01, 0.02, -0.03, 178.5]), bearing_std_deg=1.23456
-    )  # fmt: skip
+    )
     found = calibration._corrected(sensor, fit)
     assert found.dipole_gains == "1.12346,0.9"
     assert found.dipole_crosstalk == 0.01

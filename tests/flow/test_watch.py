@@ -251,9 +251,8 @@ def watching(start, folder):
 
     def begin(*words):
         return start(
-            *WORDS, *words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            text=True,
-        )  # fmt: skip
+            *WORDS, *words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
 
     return begin
 
@@ -292,9 +291,7 @@ def kill_and_go_on(folder, watching, n_recordings, n_kills, seed):
     running.communicate(timeout=600)
     assert running.returncode == 0
     rows = [json.loads(line) for line in journal.read_text().splitlines()]
-    assert sorted(row["target"] for row in rows) == [
-        f"{k:02}.run.h5" for k in range(n_recordings)
-    ]
+    assert sorted(row["target"] for row in rows) == [f"{k:02}.run.h5" for k in range(n_recordings)]
     assert len(list(folder.glob("out/*"))) == n_recordings + 1
     return len(noted)
 
@@ -329,9 +326,7 @@ def test_kills_within_one_long_sound_lose_nothing_of_it(folder, watching, uwtrac
     # while it stood still it may have been taken for a truncated one
     assert [row["target"] for row in rows if row["status"] == "done"] == ["long.run.h5"]
     assert rows[-1]["status"] == "done"
-    assert (
-        uwtrack("run", "in/long.wav", "-q", "-o", "at-once.h5", *PLAIN).exit_code == 0
-    )
+    assert uwtrack("run", "in/long.wav", "-q", "-o", "at-once.h5", *PLAIN).exit_code == 0
     assert uwtrack("diff", "at-once.h5", "out/long.run.h5").exit_code == 0
     assert len(list(folder.glob("out/*"))) == 2
 

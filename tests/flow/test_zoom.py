@@ -61,9 +61,8 @@ def test_sound_that_does_not_rise_is_not_read_for_shorter_frames(monkeypatch):
 
 @pytest.mark.parametrize(
     ("kind", "half_length_s", "n_recipes"),
-    [("fall", 2.0, 2), ("level", 0.3, 2), ("level", 1.0, 1), ("lines", 0.3, 1),
-     ("climb", 1.0, 0)],
-)  # fmt: skip
+    [("fall", 2.0, 2), ("level", 0.3, 2), ("level", 1.0, 1), ("lines", 0.3, 1), ("climb", 1.0, 0)],
+)
 def test_only_what_needs_them_is_looked_at_in_the_shortest_frames(
     kind, half_length_s, n_recipes, monkeypatch
 ):
@@ -75,8 +74,7 @@ def test_only_what_needs_them_is_looked_at_in_the_shortest_frames(
     )  # fmt: skip
     looked = []
     monkeypatch.setattr(
-        "uwtrack_cli.flow.zoom._passages",
-        lambda part, _: looked.append(part.duration_s),
+        "uwtrack_cli.flow.zoom._passages", lambda part, _: looked.append(part.duration_s)
     )
     zoom_in([encounters_of()], rises, recording=recording)
     assert looked == [20.0] * n_recipes
@@ -91,9 +89,7 @@ def test_segments_whose_sound_has_passed_are_told():
         sensor="h1",
     )  # fmt: skip
     known = encounters_of({"time_s": 31.0, "range_over_speed_s": 2.0, "status": "ok"})
-    with pytest.warns(
-        UwtrackWarning, match=r"1 segment of memory.wav, from 20 s on.* again"
-    ):
+    with pytest.warns(UwtrackWarning, match=r"1 segment of memory.wav, from 20 s on.* again"):
         found = zoom_in([known], rises, recording=passed)
     assert found.time_s.tolist() == [31.0]
     # nothing to look at is nothing left out
@@ -101,9 +97,7 @@ def test_segments_whose_sound_has_passed_are_told():
 
 
 @pytest.mark.parametrize(("kind", "n_found"), [("level", 1), ("fall", 0)])
-def test_the_level_alone_must_rise_in_the_whole_recording_too(
-    kind, n_found, monkeypatch
-):
+def test_the_level_alone_must_rise_in_the_whole_recording_too(kind, n_found, monkeypatch):
     """Within twenty seconds a crest of swell has the shape of a passage."""
     sound = np.zeros((60 * 1000, 1), np.float32)
     recording = replace(recording_of(sound, 1000.0), reader=HeldSamples(sound))
@@ -150,9 +144,7 @@ def test_a_rise_of_the_level_must_stand_out_of_the_swell(ratio, n_found, monkeyp
         kind=np.array(["level"]), spreads=np.array([9.0]), least_spreads=7.0, sensor="h1",
     )  # fmt: skip
     row = {"time_s": 10.0, "range_over_speed_s": 1.6, "status": "level-only"}
-    monkeypatch.setattr(
-        "uwtrack_cli.flow.zoom._passages", lambda *_: encounters_of(row)
-    )
+    monkeypatch.setattr("uwtrack_cli.flow.zoom._passages", lambda *_: encounters_of(row))
     swell = 10 ** (0.3 * np.cos(2 * np.pi * (TIME - 120.5) / 10.0))
     law = 1 / (1 + ((TIME - 120.5) / 1.6) ** 2)
     levels = levels_of(np.repeat((swell + ratio * law)[None], 8, axis=0))

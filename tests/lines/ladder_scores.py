@@ -39,10 +39,7 @@ def spread(lines: Lines) -> Spread:
 
 
 def rungs_of(
-    scene: Scene,
-    seed: int,
-    stage: str = "track",
-    windows_s: Sequence[float] = WINDOWS_S,
+    scene: Scene, seed: int, stage: str = "track", windows_s: Sequence[float] = WINDOWS_S
 ) -> list[Lines]:
     """Follow the lines of a scene in frames of each length."""
     return [tracked(scene, seed, stage, window_s=window_s) for window_s in windows_s]
@@ -57,7 +54,5 @@ def doubled_share(lines: Lines) -> float:
         time_s, step_s = lines.time_s[own], hop_s[own]
         other = np.append(step_s[1:] != step_s[:-1], False)
         reach = 0.5 * np.minimum(step_s, np.append(step_s[1:], step_s[-1:]))
-        again += float(
-            (reach * (other & (np.diff(time_s, append=np.inf) < reach))).sum()
-        )
+        again += float((reach * (other & (np.diff(time_s, append=np.inf) < reach))).sum())
     return again / max(float(hop_s.sum()), 1e-9)

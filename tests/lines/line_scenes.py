@@ -47,9 +47,7 @@ def line_peaks(
     if valid_fraction is not None:
         heard &= (valid_fraction > 0)[:, None]
     frame, line = np.nonzero(heard)
-    counts = rng.poisson(clutter, n_frames) * (
-        1 if valid_fraction is None else valid_fraction > 0
-    )
+    counts = rng.poisson(clutter, n_frames) * (1 if valid_fraction is None else valid_fraction > 0)
     noise_frame = np.repeat(np.arange(n_frames), counts)
     n_noise = noise_frame.size
     frequency = np.concatenate(
@@ -62,8 +60,7 @@ def line_peaks(
     if bearing_deg is not None:
         bearing = np.concatenate(
             [
-                bearing_deg[frame, line]
-                + bearing_std_deg * rng.standard_normal(line.size),
+                bearing_deg[frame, line] + bearing_std_deg * rng.standard_normal(line.size),
                 rng.uniform(0.0, 360.0, n_noise),
             ]
         )

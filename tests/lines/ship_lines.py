@@ -39,8 +39,6 @@ def reference(samples: np.ndarray, rate: int) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies and decibels over the median of the lines of the long average."""
     frequency, ratio, independent = average(samples, rate)
     limit = least_ratio(FALSE_PER_RECORDING / frequency.size, independent)
-    top = (
-        (ratio[1:-1] >= ratio[:-2]) & (ratio[1:-1] > ratio[2:]) & (ratio[1:-1] > limit)
-    )
+    top = (ratio[1:-1] >= ratio[:-2]) & (ratio[1:-1] > ratio[2:]) & (ratio[1:-1] > limit)
     at = np.flatnonzero(top) + 1
     return frequency[at], 10.0 * np.log10(ratio[at])

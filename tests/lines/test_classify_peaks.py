@@ -45,8 +45,7 @@ def test_teeth_from_many_directions_are_no_family() -> None:
 
 
 @pytest.mark.parametrize(
-    "options",
-    [{"chance": 0.0}, {"spacing_hz": (5.0, 2.0)}, {"teeth": 1}, {"most_peaks": 2}],
+    "options", [{"chance": 0.0}, {"spacing_hz": (5.0, 2.0)}, {"teeth": 1}, {"most_peaks": 2}]
 )
 def test_options_out_of_range_are_refused(options: dict) -> None:
     with pytest.raises(OptionError, match="got"):

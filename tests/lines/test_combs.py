@@ -25,9 +25,7 @@ def combs(sound: np.ndarray | Recording, window_s: float = 4.0, **options) -> Li
 
 def weak_comb(seed: int = 0, **options) -> np.ndarray:
     """Twelve teeth of 8.3 Hz, each 7 dB below the noise in 1 Hz."""
-    return comb_samples(
-        8.3 * np.arange(2, 14), -7.0, seconds=SECONDS, seed=seed, **options
-    )
+    return comb_samples(8.3 * np.arange(2, 14), -7.0, seconds=SECONDS, seed=seed, **options)
 
 
 @pytest.mark.parametrize("climb", [-40, -7, 0, 3, 33])

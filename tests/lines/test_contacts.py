@@ -49,9 +49,7 @@ def test_lines_of_one_passage_are_one_contact_though_one_is_heard_for_longer():
 
 @pytest.mark.parametrize("overlap_s", [80.0, 100.0])
 def test_the_end_of_a_passage_and_the_beginning_of_the_next_are_two_contacts(overlap_s):
-    found = contacts(
-        passage(150.0, 100.0, 0, 150 + overlap_s), passage(310.0, 290.0, 150, 390)
-    )
+    found = contacts(passage(150.0, 100.0, 0, 150 + overlap_s), passage(310.0, 290.0, 150, 390))
     assert found == [1, 2]
 
 

@@ -44,7 +44,7 @@ def test_a_course_is_the_likeliest_under_cauchys_law(seed) -> None:
 
     found = least_squares(
         residual, [300.0, 0.0], loss="cauchy", f_scale=3.0, xtol=1e-12, ftol=1e-12
-    ).x  # fmt: skip
+    ).x
     std_error = np.sqrt(np.diag(course.covariance))
     assert (np.abs(course.value - found) < 0.02 * std_error).all()
     weight = 1.0 / (1.0 + (residual(found) / 3.0) ** 2)

@@ -21,9 +21,7 @@ def jumping(ratio, *, seed=1, bearings=None, base_hz=47.3):
     after = before * np.reshape(ratio, (1, -1))
     bearing = None
     if bearings is not None:
-        bearing = np.repeat(bearings, [N_BEFORE, N_AFTER])[:, None] * np.ones(
-            TEETH.size
-        )
+        bearing = np.repeat(bearings, [N_BEFORE, N_AFTER])[:, None] * np.ones(TEETH.size)
     peaks = line_peaks(np.concatenate([before, after]), bearing, seed=seed)
     return Lines.join(list(track_lines(iter([peaks]))))
 
@@ -106,9 +104,7 @@ def test_trace_keeps_the_numbers_of_a_family_through_a_jump(ratio) -> None:
 def test_trace_gives_no_number_to_lines_without_a_common_ratio() -> None:
     ratio = np.array([1.03, 0.955, 1.05, 0.97, 1.062, 0.94])
     places = np.linspace(300.0, 1700.0, 6)[:, None]
-    scene = Scene(
-        places * np.where(np.arange(200) < 100, 1.0, ratio[:, None]), np.full(6, 12.0)
-    )
+    scene = Scene(places * np.where(np.arange(200) < 100, 1.0, ratio[:, None]), np.full(6, 12.0))
     lines = tracked(scene, 4, "trace")
     assert score(scene, lines).ids == 2.0
     assert lines.jump_time_s.size == 0

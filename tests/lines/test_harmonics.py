@@ -39,9 +39,7 @@ def test_families_are_detected_as_often_as_published(
 
 def test_hits_and_chance_equal_a_count_by_hand() -> None:
     rng = np.random.default_rng(7)
-    frequency = np.sort(
-        np.append(100.0 + 20.0 * np.arange(8), rng.uniform(50, 900, 12))
-    )
+    frequency = np.sort(np.append(100.0 + 20.0 * np.arange(8), rng.uniform(50, 900, 12)))
     bearing = rng.uniform(60.0, 80.0, frequency.size)
     rule = CombRule((15.0, 60.0), 14, 0.2, 8.0, 1000.0)
     lower, upper, spacings, chance = comb_tests(frequency, bearing, rule)
@@ -98,9 +96,7 @@ def test_families_of_one_spacing_that_lie_far_apart_are_two() -> None:
     tooth = np.append(np.arange(9), np.arange(30, 39))
     frequency = 100.0 + 7.3 * tooth
     combs, _ = find_combs(frequency, _unknown(frequency), RULE, 1e-2)
-    assert sorted(comb.members.tolist() for comb in combs) == [
-        list(range(9)), list(range(9, 18))
-    ]  # fmt: skip
+    assert sorted(comb.members.tolist() for comb in combs) == [list(range(9)), list(range(9, 18))]
 
 
 def test_bearings_keep_two_interleaved_families_apart() -> None:

@@ -66,6 +66,4 @@ def test_the_scores_see_a_tracker_that_breaks_and_mixes_lines():
     broken = np.where(lines.time_s > 50.0, lines.line + 100, lines.line)
     assert score(scene, replace(lines, line=broken)).ids == 2.0
     mixed = np.ones_like(lines.line)
-    assert score(scene, replace(lines, line=mixed)).purity == pytest.approx(
-        0.5, abs=0.02
-    )
+    assert score(scene, replace(lines, line=mixed)).purity == pytest.approx(0.5, abs=0.02)

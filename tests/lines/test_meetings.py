@@ -51,10 +51,7 @@ def test_paths_that_have_changed_places_change_back(rate_hzps, seed):
     crossing = CROSSING * rate_hzps / RATE_HZPS
     one, two = courses(crossing, seed).T
     middle = N_FRAMES // 2
-    changed = [
-        np.append(one[:middle], two[middle:]),
-        np.append(two[:middle], one[middle:]),
-    ]
+    changed = [np.append(one[:middle], two[middle:]), np.append(two[:middle], one[middle:])]
     # one of them goes astray where the two cannot be told apart
     changed[1][np.abs(crossing) < 0.4] += 6.0
     for paths in ([one, two], changed):

@@ -53,9 +53,8 @@ def drawn(window_s: float, *courses, duration_s: float = 80.0, sensor: str = "h1
     names = np.arange(1, len(courses) + 1)
     none = np.zeros(names.size, np.int64)
     table = LineTable(
-        names, none, none - 1, np.full(names.size, "steady"), np.zeros(names.size),
-        no_families(),
-    )  # fmt: skip
+        names, none, none - 1, np.full(names.size, "steady"), np.zeros(names.size), no_families()
+    )
     scalars = {
         "reference": "full scale", "false_lines_per_khz_hour": 1.0,
         "weakest_line_snr_db": 3.0,
@@ -79,9 +78,7 @@ def test_the_course_through_the_cells_has_the_greatest_evidence():
 
         def total(states, gain=gain, steps=steps):
             changes = np.diff(states) != 0
-            return (gain * states).sum() - LEAST_EVIDENCE * (
-                changes & (steps == 1)
-            ).sum()
+            return (gain * states).sum() - LEAST_EVIDENCE * (changes & (steps == 1)).sum()
 
         best = max(total(np.array(states)) for states in product((0, 1), repeat=8))
         assert total(is_finer_best(gain, steps).astype(int)) == pytest.approx(best)
@@ -103,9 +100,7 @@ def test_the_number_goes_on_where_another_rung_hears_the_line_better():
         drawn(0.1, (at(100.0), late)),
     ])  # fmt: skip
     assert np.unique(lines.line).tolist() == [1]
-    usual = [
-        np.median(lines.window_s[np.abs(lines.time_s - t) < 8.0]) for t in (20.0, 60.0)
-    ]
+    usual = [np.median(lines.window_s[np.abs(lines.time_s - t) < 8.0]) for t in (20.0, 60.0)]
     assert usual[0] == 8.0
     assert usual[1] == 0.1  # six times the noise in its cells
     assert lines.overlap_frames == 2.0
@@ -115,10 +110,9 @@ def test_the_number_goes_on_where_another_rung_hears_the_line_better():
 
 def test_a_short_rise_of_a_line_is_that_line():
     """Two seconds that short frames tell, of a line that long ones follow."""
-    lines = join_rungs([
-        drawn(8.0, (at(100.0), power(20.0))),
-        drawn(0.1, (at(100.0), power(500.0, 40.0, 42.0))),
-    ])  # fmt: skip
+    lines = join_rungs(
+        [drawn(8.0, (at(100.0), power(20.0))), drawn(0.1, (at(100.0), power(500.0, 40.0, 42.0)))]
+    )
     assert set(lines.window_s) == {8.0, 0.1}
     assert np.unique(lines.line).tolist() == [1]
 
@@ -137,9 +131,7 @@ def test_two_lines_that_short_frames_do_not_resolve_stay_two():
 
 
 def test_the_order_of_the_rungs_does_not_matter():
-    rungs = [
-        drawn(w, (at(100.0), power(10.0)), (at(200.0), power(w))) for w in WINDOWS_S
-    ]
+    rungs = [drawn(w, (at(100.0), power(10.0)), (at(200.0), power(w))) for w in WINDOWS_S]
     assert join_rungs(rungs).equals(join_rungs(rungs[::-1]))
 
 

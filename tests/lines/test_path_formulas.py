@@ -16,11 +16,7 @@ from uwtrack_cli.lines.paths.courses import Course, disagreement
 from uwtrack_cli.lines.paths.meetings import Meetings, _fused
 from uwtrack_cli.lines.paths.path_search import MOVE_PENALTY, FoundPath
 from uwtrack_cli.lines.paths.recording_noise import RecordingNoise, _filled, _shifts
-from uwtrack_cli.lines.paths.trace_threshold import (
-    PathBearing,
-    PathScores,
-    TraceThreshold,
-)
+from uwtrack_cli.lines.paths.trace_threshold import PathBearing, PathScores, TraceThreshold
 from uwtrack_cli.lines.paths.trace_window import WindowData
 from uwtrack_cli.lines.sensitivity import (
     amplitude_log_ratio,
@@ -54,15 +50,11 @@ def test_own_frames_are_those_that_no_other_line_is_near_in():
         ]
         interval = (3, 27)
         own = [
-            k for k in range(*interval)
-            if not any(
-                o.first <= k < o.stop and abs(o.cells[k] - 20) <= PER_BIN
-                for o in others
-            )
-        ]  # fmt: skip
-        assert path_search._own_frames(cells, interval, others, PER_BIN) == (
-            own[0], own[-1] + 1,
-        )  # fmt: skip
+            k
+            for k in range(*interval)
+            if not any(o.first <= k < o.stop and abs(o.cells[k] - 20) <= PER_BIN for o in others)
+        ]
+        assert path_search._own_frames(cells, interval, others, PER_BIN) == (own[0], own[-1] + 1)
     whole = FoundPath(np.full(30, 20 + PER_BIN), 0, 30, 1.0)
     assert path_search._own_frames(cells, (3, 27), [whole], PER_BIN) == (0, 0)
 
@@ -90,9 +82,7 @@ def test_what_a_line_leaks_beyond_its_noise_is_masked(strength):
 def accepted(seed, expected, least):
     rng = np.random.default_rng(seed)
     total, moves = path_search.best_scores(rng.normal(0.0, 1.0, (24, 60)), MOVE_PENALTY)
-    found = path_search._accepted(
-        total, moves, least, np.asarray(expected, np.int64), PER_BIN
-    )
+    found = path_search._accepted(total, moves, least, np.asarray(expected, np.int64), PER_BIN)
     return total, moves, found
 
 
@@ -149,9 +139,7 @@ def test_whitening_divides_by_the_running_median_of_the_limited_mean():
     mean = np.nanmean(np.minimum(ratio, 6.0), axis=0, dtype=float)
     running = median_filter(mean, size=2 * 16 * PER_BIN + 1, mode="mirror")
     wanted = ratio / np.clip(running, 0.5, 10.0)
-    assert np.allclose(
-        path_search.whiten(ratio, PER_BIN), wanted, rtol=1e-5, equal_nan=True
-    )
+    assert np.allclose(path_search.whiten(ratio, PER_BIN), wanted, rtol=1e-5, equal_nan=True)
     assert (running < 0.5).any()
 
 
@@ -180,14 +168,10 @@ def test_noise_that_rises_to_an_end_of_the_band_rises_on_by_its_power_law(slope)
     ("silent", "moved", "is_bridge"),
     [(12, 8, True), (12, 7, False), (30, 15, True), (30, 14, False), (5, 20, False)],
 )
-def test_a_path_goes_from_line_to_line_when_it_crosses_noise_fast(
-    silent, moved, is_bridge
-):
+def test_a_path_goes_from_line_to_line_when_it_crosses_noise_fast(silent, moved, is_bridge):
     """At least eight cells and half a cell per frame; silent for more than by chance."""
     ratio = np.concatenate([np.full(40, 8.0), np.full(silent, 0.2), np.full(40, 8.0)])
-    steps = np.concatenate(
-        [np.zeros(40), np.linspace(0, moved, silent), np.full(40, moved)]
-    )
+    steps = np.concatenate([np.zeros(40), np.linspace(0, moved, silent), np.full(40, moved)])
     cells = 30 + np.round(steps).astype(int)
     if silent == 5:
         ratio[40:45] = 1.6
@@ -244,9 +228,7 @@ def test_the_evidence_of_one_bearing_is_half_of_hotellings_statistic(is_masked):
     # too few frames say nothing, and neither does an omnidirectional sensor
     short = PathBearing(data.take(slice(0, 16)), 2.5, 0.0)
     assert short.scores(path[None, :16]).tolist() == [0.0]
-    assert (
-        PathBearing(data.take(slice(0, 17)), 2.5, 0.0).scores(path[None, :17])[0] > 0.0
-    )
+    assert PathBearing(data.take(slice(0, 17)), 2.5, 0.0).scores(path[None, :17])[0] > 0.0
     omni = PathBearing(replace(data, east=None, north=None), 2.5, 0.0)
     assert omni.scores(path[None]).tolist() == [0.0]
 
@@ -395,9 +377,7 @@ def test_the_weakest_line_of_scores_reaches_its_threshold_on_average():
 def test_two_courses_disagree_as_two_gaussian_vectors():
     rng = np.random.default_rng(8)
     root = rng.normal(size=(2, 2, 2)) * [1.0, 0.1]
-    one, two = (
-        Course(rng.normal(size=2) * [2.0, 0.2], r.T @ r) for r in root
-    )  # fmt: skip
+    one, two = (Course(rng.normal(size=2) * [2.0, 0.2], r.T @ r) for r in root)
     bin_hz = 0.5
     floor = np.diag([(0.3 * bin_hz) ** 2, (0.02 * bin_hz**2) ** 2])
     total = one.covariance + two.covariance + floor
@@ -461,9 +441,8 @@ def test_lines_that_have_one_ratio_have_jumped_together():
     assert [k for k, _ in pairs] == np.argsort(off).tolist()  # the nearest first
     # beyond half a resolution none is in reach
     few = JumpCandidates(
-        candidates.before_hz, candidates.before_s, place + 0.51,
-        np.ones((6, 6), bool), 1.0,
-    )  # fmt: skip
+        candidates.before_hz, candidates.before_s, place + 0.51, np.ones((6, 6), bool), 1.0
+    )
     assert few.paired(place, few.may_be) == []
     assert len(few.paired(place + 0.02, few.may_be)) == 6
 
@@ -494,7 +473,5 @@ def test_lines_whose_ends_lie_too_far_apart_have_not_jumped_together():
     candidates = jumped(4, 0, 4, resolution_hz=0.5)
     for wait_s, is_one in ((11.9, True), (12.1, False)):  # six windows of two seconds
         ends = np.array([0.0, 0.0, wait_s, wait_s])
-        late = JumpCandidates(
-            candidates.before_hz, ends, candidates.now_hz, candidates.may_be, 0.5
-        )
+        late = JumpCandidates(candidates.before_hz, ends, candidates.now_hz, candidates.may_be, 0.5)
         assert bool(late.common()) == is_one

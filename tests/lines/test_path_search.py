@@ -6,12 +6,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from studies.constants.line_ends import scene, scores
-from uwtrack_cli.lines.paths.path_search import (
-    _centred,
-    best_scores,
-    line_intervals,
-    trace_back,
-)
+from uwtrack_cli.lines.paths.path_search import _centred, best_scores, line_intervals, trace_back
 from uwtrack_cli.lines.sensitivity import amplitude_log_ratio, detection_probability
 from uwtrack_cli.lines.tracking.track_management import count_hits, push_hits
 

@@ -20,9 +20,7 @@ from uwtrack_cli.spectra.peaks import find_peaks
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
 FOLDER = Path(os.environ.get("UWTRACK_REAL_DATA", "/nonexistent"))
-pytestmark = pytest.mark.skipif(
-    not FOLDER.exists(), reason="UWTRACK_REAL_DATA is not set"
-)
+pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason="UWTRACK_REAL_DATA is not set")
 
 
 def blocks_of(path: str, **options):
@@ -53,9 +51,7 @@ def test_the_listed_family_of_a_ship_is_found_and_no_other(
         blocks_of(f"ships/{name}.wav", window_s=4.0, overlap=0.75, band_hz=(2.0, 400.0))
     ), window_frames=40 if name != "nave_orbit_10" else 80)))  # fmt: skip
     listed = spacing_hz * np.array(orders)
-    means = np.array(
-        [np.median(found.frequency_hz[found.line == k]) for k in found.line_id]
-    )
+    means = np.array([np.median(found.frequency_hz[found.line == k]) for k in found.line_id])
     # the listed spacing is rounded to a quarter of a hertz
     near = np.abs(means[None, :] - listed[:, None]) < 0.02 * listed[:, None] + 0.25
     assert near.any(axis=1).sum() >= 4
@@ -79,9 +75,8 @@ def test_the_strong_lines_of_a_long_average_are_followed(name: str) -> None:
 def test_the_horn_of_the_train_is_followed_through_the_passage() -> None:
     motion = ProcessNoise(frequency_hz2ps3=50.0, doppler_ps3=0.1, adaptation=0.0)
     lines = track(
-        "train/traindoppler.wav", motion, window_s=0.1, overlap=0.8,
-        band_hz=(50.0, 4000.0),
-    )  # fmt: skip
+        "train/traindoppler.wav", motion, window_s=0.1, overlap=0.8, band_hz=(50.0, 4000.0)
+    )
     through = [
         k for k in lines.line_id
         for time in [lines.time_s[lines.line == k]]
@@ -104,9 +99,7 @@ def test_the_horn_of_the_train_is_followed_through_the_passage() -> None:
 def test_the_electrical_lines_of_the_hydrophone_are_hum() -> None:
     lines = track("orcasound/NATURE11_09_02_21_20_2701.flac", band_hz=(10.0, 2000.0))
     for mains in (60.0, 300.0, 540.0):
-        means = np.array(
-            [np.median(lines.frequency_hz[lines.line == k]) for k in lines.line_id]
-        )
+        means = np.array([np.median(lines.frequency_hz[lines.line == k]) for k in lines.line_id])
         at = np.argmin(np.abs(means - mains))
         assert abs(means[at] - mains) < 0.5
         assert lines.line_status[at] == "hum"
@@ -177,9 +170,7 @@ def stands_out(path: str, spacing_hz: float, band_hz: tuple[float, float]) -> bo
     return float(np.mean(others < score(spacing_hz))) > 0.95
 
 
-def own_likeness(
-    path: str, band_hz: tuple[float, float]
-) -> tuple[FloatArray, FloatArray]:
+def own_likeness(path: str, band_hz: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
     samples, rate = soundfile.read(FOLDER / path, always_2d=True)
     window = int(5 * rate)
     frequency, power = welch(

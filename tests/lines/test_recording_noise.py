@@ -28,9 +28,7 @@ def noise_ratio(seed: int, n_bins: int = 512) -> np.ndarray:
     size = 2 * n_bins
     window = np.hanning(size + 1)[:-1]
     samples = np.random.default_rng(seed).standard_normal(size * (N_FRAMES + 1) // 2)
-    frames = np.stack([
-        samples[k * size // 2 : k * size // 2 + size] for k in range(N_FRAMES)
-    ])  # fmt: skip
+    frames = np.stack([samples[k * size // 2 : k * size // 2 + size] for k in range(N_FRAMES)])
     spectrum = np.fft.rfft(frames * window, PADDING * size)[:, : PADDING * n_bins]
     return (np.abs(spectrum) ** 2 / np.sum(window**2)).astype(np.float32)
 

@@ -13,12 +13,7 @@ from uwtrack_cli.lines.families.harmonics import Comb
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
 from uwtrack_cli.lines.paths.path_ends import MeasuredPaths, PathEnd
 from uwtrack_cli.lines.paths.path_tracer import PathTracer
-from uwtrack_cli.lines.paths.trace_window import (
-    Measured,
-    WindowData,
-    measure,
-    smooth_window,
-)
+from uwtrack_cli.lines.paths.trace_window import Measured, WindowData, measure, smooth_window
 from uwtrack_cli.lines.rungs.best_basis import RungLines, _covering, _evidence, beside
 from uwtrack_cli.lines.rungs.rung_links import _Jump, _Told
 from uwtrack_cli.lines.rungs.same_line import SAME_LINE, line_evidence
@@ -54,9 +49,7 @@ def test_finer_points_beside_a_line_are_within_its_resolution_and_time():
     ])  # fmt: skip
     middle = rung_of(1.0, [(0.5 * np.arange(100), 100.2 + 0.01 * np.arange(100))])
     time_s = np.arange(10.0, 31.0, 1.0)
-    coarse = rung_of(
-        2.0, [(time_s, 90.0 + 0.0 * time_s), (time_s, 99.5 + 0.05 * time_s)]
-    )
+    coarse = rung_of(2.0, [(time_s, 90.0 + 0.0 * time_s), (time_s, 99.5 + 0.05 * time_s)])
     found = beside([fine, middle, coarse], 2, 1)
     for number, rung in ((0, fine), (1, middle)):
         half_s = 0.5 * rung.hop_s
@@ -87,13 +80,11 @@ def test_a_time_is_told_by_a_finer_point_within_half_a_hop():
 def test_evidence_in_a_cell_is_that_of_its_independent_frames():
     rung = rung_of(2.0, [(1.0 * np.arange(9), np.full(9, 50.0))])
     rung.ratio[:] = np.arange(9.0)
-    found = _evidence(
-        rung, np.arange(1, 6), np.array([3, 3, 4, 4, 4]), np.array([3, 4, 7])
-    )
+    found = _evidence(rung, np.arange(1, 6), np.array([3, 3, 4, 4, 4]), np.array([3, 4, 7]))
     wanted = [
         float(line_evidence(count * 0.5, mean, 0.2))
         for count, mean in ((2, 1.5), (3, 4.0), (0, 0.0))
-    ]  # fmt: skip
+    ]
     assert found == pytest.approx(wanted)
 
 
@@ -106,14 +97,11 @@ def test_the_time_that_two_lines_share_is_that_of_their_stretches():
     rng = np.random.default_rng(3)
     grid = np.arange(0.0, 100.0, 0.01) + 0.005
     for _ in range(20):
-        one, two = (
-            np.sort(rng.choice(100, 6, replace=False)).reshape(3, 2) for _ in "12"
-        )
+        one, two = (np.sort(rng.choice(100, 6, replace=False)).reshape(3, 2) for _ in "12")
         told = [stretches(*pairs) for pairs in (one, two)]
         inside = [
-            ((grid[:, None] > p[:, 0]) & (grid[:, None] < p[:, 1])).any(axis=1)
-            for p in (one, two)
-        ]  # fmt: skip
+            ((grid[:, None] > p[:, 0]) & (grid[:, None] < p[:, 1])).any(axis=1) for p in (one, two)
+        ]
         common = 0.01 * np.count_nonzero(inside[0] & inside[1])
         assert told[0].common_s(told[1]) == pytest.approx(common)
         assert told[1].common_s(told[0]) == pytest.approx(common)
@@ -121,10 +109,7 @@ def test_the_time_that_two_lines_share_is_that_of_their_stretches():
         assert both.length_s == pytest.approx(0.01 * (inside[0] | inside[1]).sum())
         assert (both.begin_s[1:] > both.end_s[:-1]).all()
     assert stretches().common_s(told[0]) == 0.0
-    assert stretches((0, 4), (4, 9)).joined(stretches((20, 22))).begin_s.tolist() == [
-        0,
-        20,
-    ]
+    assert stretches((0, 4), (4, 9)).joined(stretches((20, 22))).begin_s.tolist() == [0, 20]
 
 
 def test_a_line_is_told_while_its_points_follow_each_other_and_do_not_coast():
@@ -150,9 +135,7 @@ def test_jumps_of_two_rungs_are_one_by_time_and_ratio(late_s, off, is_one):
 
 
 def test_joined_points_have_the_nearest_frame_of_the_shortest():
-    frames = SimpleNamespace(
-        n_frames=5, time_s=np.array([1.0, 2.0, 4.0, 7.0, 8.0]), first_frame=10
-    )
+    frames = SimpleNamespace(n_frames=5, time_s=np.array([1.0, 2.0, 4.0, 7.0, 8.0]), first_frame=10)
     at_s = np.array([-3.0, 1.4, 1.6, 2.9, 3.1, 5.4, 5.6, 7.6, 99.0])
     away = np.abs(frames.time_s - at_s[:, None])
     found = multi_resolution._nearest_frame(frames, at_s)
@@ -217,8 +200,7 @@ def test_a_strong_lines_frequency_is_hanns_and_its_bearing_that_of_its_vector(wi
     power = np.tile(1e-3 + 400.0 * shape.sum(axis=0), (6, 1))
     bearing = np.radians([30.0, 200.0, 310.0])
     east, north = (
-        np.tile(400.0 * (f(bearing)[:, None] * shape).sum(axis=0), (6, 1))
-        for f in (np.sin, np.cos)
+        np.tile(400.0 * (f(bearing)[:, None] * shape).sum(axis=0), (6, 1)) for f in (np.sin, np.cos)
     )
     data = window_of(power, window_s=window_s, east=east, north=north)
     cells = np.tile([21, 40, 50], (6, 1))
@@ -228,20 +210,14 @@ def test_a_strong_lines_frequency_is_hanns_and_its_bearing_that_of_its_vector(wi
     bin_hz = 1.0 / window_s
     truth = 50.0 + place * bin_hz / per_bin
     assert np.abs(found.position[0] - truth).max() < 0.03 * bin_hz
-    assert (
-        np.abs((found.position[1] - np.degrees(bearing) + 180) % 360 - 180).max() < 1.0
-    )
+    assert np.abs((found.position[1] - np.degrees(bearing) + 180) % 360 - 180).max() < 1.0
     along = np.take_along_axis(power, cells, axis=1)
     level = 10.0 * np.log10(along * 1.5 * bin_hz)
     assert found.raw[4] == pytest.approx(level, abs=0.01)
     assert found.raw[5] == pytest.approx(10.0 * np.log10(along - 1.0), abs=0.01)
     snr = along[0] - 1.0
-    assert found.raw[3][0] == pytest.approx(
-        np.degrees(np.sqrt((1.0 + 1.0 / snr) / (6.0 * snr)))
-    )
-    assert found.variance == pytest.approx(
-        np.where(is_line, found.raw[[1, 3]] ** 2, np.inf)
-    )
+    assert found.raw[3][0] == pytest.approx(np.degrees(np.sqrt((1.0 + 1.0 / snr) / (6.0 * snr))))
+    assert found.variance == pytest.approx(np.where(is_line, found.raw[[1, 3]] ** 2, np.inf))
 
 
 @pytest.mark.parametrize(("ratio", "strength"), [(2.4, 1.4), (1.3, 0.3), (1.05, 0.1)])
@@ -278,14 +254,10 @@ def test_a_smoothed_window_is_weighted_least_squares_without_process_noise():
         )
         line = np.polyval(fit, time_s)
         found = states[:, 0, k, 0]
-        assert (found - line + 180.0) % 360.0 - 180.0 == pytest.approx(
-            0.0, abs=unit * 1e-2
-        )
+        assert (found - line + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=unit * 1e-2)
         assert states[:, 1, k, 0] == pytest.approx(fit[0], rel=1e-2)
         at_end = np.array([time_s[-1], 1.0])
-        assert states[-1, 2, k, 0] == pytest.approx(
-            at_end @ covariance @ at_end, rel=1e-2
-        )
+        assert states[-1, 2, k, 0] == pytest.approx(at_end @ covariance @ at_end, rel=1e-2)
         assert states[-1, 4, k, 0] == pytest.approx(covariance[0, 0], rel=1e-2)
 
 

@@ -59,17 +59,14 @@ def test_the_cut_into_blocks_changes_no_bit(block: int) -> None:
     n = whole.frames.n_frames
     blocks = [cut(whole, k, min(k + block, n)) for k in range(0, n, block)]
     out = list(trace_lines(iter(blocks)))
-    assert [b.frames.n_frames for b in out[: len(blocks)]] == [
-        b.frames.n_frames for b in blocks
-    ]
+    assert [b.frames.n_frames for b in out[: len(blocks)]] == [b.frames.n_frames for b in blocks]
     assert Lines.join(out).equals(joined([whole]))
 
 
 def test_many_lines_of_unequal_strength_are_found_once_each() -> None:
     tones = [(80.0, 6.0), (130.0, 30.0), (137.0, 8.0), (222.3, 4.0), (380.0, 15.0)]
     lines = joined(sound(tones))
-    found = sorted(float(np.median(lines.frequency_hz[lines.line == k]))
-                   for k in lines.line_id)  # fmt: skip
+    found = sorted(float(np.median(lines.frequency_hz[lines.line == k])) for k in lines.line_id)
     assert len(found) == len(tones)
     assert np.allclose(found, [f for f, _ in tones], atol=0.2)
 
@@ -190,9 +187,7 @@ def test_a_line_of_the_stated_weakest_snr_is_heard_about_every_other_time() -> N
     weakest_db = joined(blocks, false_lines_per_khz_hour=4.8).weakest_line_snr_db
     # cell to 1 Hz: the Hann window's noise bandwidth of 1.5 bins
     snr_db = weakest_db + 10 * np.log10(1.5)
-    heard = np.mean(
-        [detect_line("trace", snr_db, seed).is_detected for seed in range(40)]
-    )
+    heard = np.mean([detect_line("trace", snr_db, seed).is_detected for seed in range(40)])
     assert 0.2 <= heard <= 0.8
 
 

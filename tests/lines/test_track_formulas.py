@@ -14,11 +14,7 @@ from uwtrack_cli.estimation.kalman import KalmanState
 from uwtrack_cli.lines.contacts import group, has_doppler, has_turn, mains_lines
 from uwtrack_cli.lines.families.comb_test import CombRule
 from uwtrack_cli.lines.families.harmonics import comb_fit
-from uwtrack_cli.lines.pair_evidence import (
-    LineSamples,
-    PairEvidence,
-    pair_evidence,
-)
+from uwtrack_cli.lines.pair_evidence import LineSamples, PairEvidence, pair_evidence
 from uwtrack_cli.lines.paths.path_ends import _kinks
 from uwtrack_cli.lines.track_pda import Mixture, PdaLineTracker
 from uwtrack_cli.lines.tracker_options import (
@@ -54,9 +50,7 @@ def states(n_lines, seed):
     spread = rng.uniform(0.5, 2.0, (2, n_lines)) * [[0.02], [30.0]]
     rate_spread = rng.uniform(0.5, 2.0, (2, n_lines)) * [[1e-4], [0.5]]
     share = rng.uniform(-0.8, 0.8, (2, n_lines)) * np.sqrt(spread * rate_spread)
-    position = np.stack(
-        [100.0 + 0.2 * np.arange(n_lines), rng.uniform(0, 360, n_lines)]
-    )
+    position = np.stack([100.0 + 0.2 * np.arange(n_lines), rng.uniform(0, 360, n_lines)])
     rate = rng.normal(size=(2, n_lines)) * [[0.01], [0.5]]
     return KalmanState(position, rate, spread, share, rate_spread)
 
@@ -85,9 +79,8 @@ def peaks_of(seed, n_frames=1, **options):
     none = np.full((n_frames, 1), np.nan)
     peaks = line_peaks(none, none, seed=seed, **options)
     return replace(
-        peaks, frames=slow_frames(n_frames), highest_hz=500.0,
-        frequency_hz=0.5 * peaks.frequency_hz,
-    )  # fmt: skip
+        peaks, frames=slow_frames(n_frames), highest_hz=500.0, frequency_hz=0.5 * peaks.frequency_hz
+    )
 
 
 def carried(state, line, quantity, step_s, density):
@@ -98,9 +91,7 @@ def carried(state, line, quantity, step_s, density):
         [state.variance[quantity, line], state.covariance[quantity, line]],
         [state.covariance[quantity, line], state.rate_variance[quantity, line]],
     ])  # fmt: skip
-    grown = density * np.array([
-        [step_s**3 / 3.0, step_s**2 / 2.0], [step_s**2 / 2.0, step_s]
-    ])  # fmt: skip
+    grown = density * np.array([[step_s**3 / 3.0, step_s**2 / 2.0], [step_s**2 / 2.0, step_s]])
     return mean, move @ covariance @ move.T + grown
 
 
@@ -115,9 +106,7 @@ def test_a_return_is_weighed_by_gaussians_against_strangers_in_the_band(is_known
     if not is_known:
         before.variance[1] = 1e8
     density, gap_s, strangers_per_hz = np.array([[1e-4], [1e-2]]), 7.0, 0.03
-    found = log_ratio_of_return(
-        before, density, gap_s, now, RESOLUTION_HZ, strangers_per_hz
-    )
+    found = log_ratio_of_return(before, density, gap_s, now, RESOLUTION_HZ, strangers_per_hz)
     mean, covariance = carried(before, 0, 0, gap_s, 1e-4)
     floor = (0.3 * RESOLUTION_HZ) ** 2, (0.2 * RESOLUTION_HZ**2) ** 2
     place = np.sqrt(covariance[0, 0] + now.variance[0, 0] + floor[0])
@@ -154,9 +143,7 @@ def test_a_line_that_turned_is_weighed_by_where_it_may_have_gone():
     for i, j in np.ndindex(2, 3):
         gap_s = begin_s[i, j] - (10.0, 16.0)[i]
         rate, new_rate = old_state.rate[0, i], now.rate[0, j]
-        ways = old_state.position[0, i] + gap_s * (
-            share * rate + (1 - share) * new_rate
-        )
+        ways = old_state.position[0, i] + gap_s * (share * rate + (1 - share) * new_rate)
         doubt = gap_s**2 * (old_state.rate_variance[0, i] + now.rate_variance[0, j]) / 4
         spread = old_state.variance[0, i] + first.variance[0, j] + ways.var() + doubt
         spread += (0.3 * RESOLUTION_HZ) ** 2
@@ -168,9 +155,7 @@ def test_a_line_that_turned_is_weighed_by_where_it_may_have_gone():
             turn = turned_by(first.position[1, j] - old_state.position[1, i])
             wanted -= 0.5 * turn**2 / (old_state.variance[1, i] + first.variance[1, j])
         was_there = (10.0, 16.0)[i] - 2.0 * (9, 9, 4)[j] > wait_s
-        assert found[i, j] == (
-            -np.inf if was_there else pytest.approx(wanted, rel=1e-6)
-        )
+        assert found[i, j] == (-np.inf if was_there else pytest.approx(wanted, rel=1e-6))
     assert np.isinf(found).sum() == 1
 
 
@@ -266,9 +251,7 @@ def test_a_peaks_height_is_rices_ratio_for_the_line_looked_for():
     assert logic.least_gain == pytest.approx(np.log(1.0 - 0.48 * seen))
     (frame,) = split_frames(peaks, peaks)
     snr_db = np.array([-20.0, -11.0, 0.004, 3.0, 5.0, 9.0, 59.0, 70.0])
-    frame = replace(
-        frame, measured=np.tile(snr_db, (7, 1)), frequency_hz=50.0 * np.arange(8)
-    )
+    frame = replace(frame, measured=np.tile(snr_db, (7, 1)), frequency_hz=50.0 * np.arange(8))
     power = (1.0 + 10.0 ** (np.maximum(snr_db, -12.0) / 10.0)) / excess
     ratio = np.log(i0(2.0 * np.sqrt(design * power[:-2]))) - design
     wanted = np.minimum(np.append(ratio, [99.0, 99.0]), 3.5)
@@ -328,9 +311,7 @@ def test_the_clutter_is_averaged_over_frames_and_neighbours():
             fresh = []
     lasting = np.zeros(n_cells)
     for cell in range(n_cells):
-        around = [
-            density[k] for k in range(n_cells) if 2 < abs(k - cell) <= 16
-        ]  # fmt: skip
+        around = [density[k] for k in range(n_cells) if 2 < abs(k - cell) <= 16]
         mean = np.mean(around)
         mean -= np.sqrt(max(mean, nominal) / (len(around) * n_averaged))
         lasting[cell] = max(np.log(mean / nominal), 0.0) if mean > 0 else 0.0
@@ -363,9 +344,7 @@ def test_process_noise_follows_the_correlation_of_the_innovations():
         push = product if product < 1.0 else 1.0 + 3.0 * (product - 1.0)
         grown = density[k] * np.exp(0.3 * probability[k] * push)
         greatest = own + 1e-7 * store.frequency_hz[k] ** 2
-        assert store.noise_density[0, k] == pytest.approx(
-            np.clip(grown, 1e-3 * own, greatest)
-        )
+        assert store.noise_density[0, k] == pytest.approx(np.clip(grown, 1e-3 * own, greatest))
         surplus = min(now[k] ** 2, 4.0) - 0.94 - product
         wider = width[k] * np.exp(0.25 * 0.3 * probability[k] * surplus)
         assert store.width[k] == pytest.approx(np.clip(wider, 1.0, 100.0))
@@ -377,9 +356,7 @@ def pda_tracker(peaks):
         "score", ScoreLogic(), CountLogic(), Feedback(classifier="none"),
         Gates(), ProcessNoise(), Harmonics(),
     )  # fmt: skip
-    return PdaLineTracker(
-        options, peaks.frames, peaks, snr_db=3.0, lowest_false_alarm=1e-6
-    )
+    return PdaLineTracker(options, peaks.frames, peaks, snr_db=3.0, lowest_false_alarm=1e-6)
 
 
 def crowd(seed, has_bearings):
@@ -416,9 +393,7 @@ def test_probabilities_of_peaks_are_bayes_over_all_that_may_be(has_bearings):
     weight, gain, allowed = tracker._weigh(slots, pairs, peaks)
     state = tracker.store.state
     has_turn = np.sqrt(state.variance[1, :3]) < 100.0
-    false_alarm, detection = tracker._operate(
-        slots, state.variance[:, slots], has_turn, peaks
-    )
+    false_alarm, detection = tracker._operate(slots, state.variance[:, slots], has_turn, peaks)
     assert (false_alarm > 0).all()
     for k in range(3):
         own = line == k
@@ -582,9 +557,7 @@ def test_a_line_takes_the_mean_and_the_spread_of_what_its_peaks_say():
             found = [entry[quantity, k] for entry in after]
             wanted = [*middle, total[0, 0], total[0, 1], total[1, 1]]
             assert found == pytest.approx(wanted, rel=1e-7)
-    assert all(
-        np.array_equal(b[:, 1], a[:, 1]) for b, a in zip(before, after, strict=True)
-    )
+    assert all(np.array_equal(b[:, 1], a[:, 1]) for b, a in zip(before, after, strict=True))
 
 
 def test_peaks_are_given_to_lines_at_the_least_total_cost():
@@ -684,12 +657,10 @@ def test_peaks_beside_confirmed_lines_start_no_others(bearing_gate, reach_hz):
     assert np.array_equal(own.is_claimed(frame), near.any(axis=1))
 
 
-@pytest.mark.parametrize(("hops", "std", "is_kept"), [
-    (1.4, 1.6, True), (1.6, 1.6, False), (1.6, 1.4, True),
-])  # fmt: skip
-def test_after_a_gap_a_line_known_within_less_than_it_is_wide_goes_on(
-    hops, std, is_kept
-):
+@pytest.mark.parametrize(
+    ("hops", "std", "is_kept"), [(1.4, 1.6, True), (1.6, 1.6, False), (1.6, 1.4, True)]
+)
+def test_after_a_gap_a_line_known_within_less_than_it_is_wide_goes_on(hops, std, is_kept):
     """More than one and a half steps are a gap, so many resolutions too wide."""
     peaks = peaks_of(20, clutter=30.0)
     peaks = replace(
@@ -699,16 +670,14 @@ def test_after_a_gap_a_line_known_within_less_than_it_is_wide_goes_on(
         snr_db=np.array([20.0]), is_detection=np.array([True]),
     )  # fmt: skip
     told = TrackerOptions(
-        "count", ScoreLogic(), CountLogic(), Feedback(), Gates(), ProcessNoise(),
-        Harmonics(),
-    )  # fmt: skip
+        "count", ScoreLogic(), CountLogic(), Feedback(), Gates(), ProcessNoise(), Harmonics()
+    )
     tracker = LineTracker(told, peaks.frames, peaks)
     state = KalmanState(*np.zeros((5, 2, 1)))
     state.position[0], state.variance[0] = 100.0, (std * RESOLUTION_HZ) ** 2
     tracker.store.start(
-        state, np.zeros((2, 1)), np.zeros((7, 1)), np.ones(1, bool), np.ones(1),
-        np.full(1, 400.0),
-    )  # fmt: skip
+        state, np.zeros((2, 1)), np.zeros((7, 1)), np.ones(1, bool), np.ones(1), np.full(1, 400.0)
+    )
     tracker.store.confirm(np.arange(1), np.zeros(1, np.int64))
     tracker.last_time_s = 10.0
     (frame,) = split_frames(peaks, peaks)
@@ -762,13 +731,9 @@ def test_the_evidence_for_one_source_is_a_ratio_of_gaussians(has_bearings):
     rest = np.array([100.0, 171.0, 250.0, 90.0, 77.0])
     frequency = rest[:, None] * (1.0 + bend + 2e-4 * rng.normal(size=(5, 90)))
     frequency[2] = 250.0 + 0.02 * rng.normal(size=90)
-    frequency[0, 60:] = frequency[1, :20] = frequency[3, 45:] = frequency[4, 3:] = (
-        np.nan
-    )
+    frequency[0, 60:] = frequency[1, :20] = frequency[3, 45:] = frequency[4, 3:] = np.nan
     frequency[3, :40] = np.nan
-    bearing = np.where(np.arange(5) == 2, 170.0, -170.0)[:, None] + 5.0 * rng.normal(
-        size=(5, 90)
-    )
+    bearing = np.where(np.arange(5) == 2, 170.0, -170.0)[:, None] + 5.0 * rng.normal(size=(5, 90))
     bearing[0, 30:] = np.nan
     samples = samples_of(frequency, bearing if has_bearings else None)
     found = pair_evidence(samples)
@@ -780,9 +745,7 @@ def test_the_evidence_for_one_source_is_a_ratio_of_gaussians(has_bearings):
             if both.sum() < 4 or min(count[a], count[b]) < 4:
                 assert (a, b) not in told
                 continue
-            shift = [
-                np.log(frequency[k] / np.nanmean(frequency[k]))[both] for k in (a, b)
-            ]
+            shift = [np.log(frequency[k] / np.nanmean(frequency[k]))[both] for k in (a, b)]
             spread = shift[0].var() + shift[1].var()
             noise = sum((0.01 / frequency[k][both]) ** 2 for k in (a, b))
             noise = noise + 2.0 * LINE_WANDER**2 + 0.2**2 * spread
@@ -904,6 +867,5 @@ def test_a_kink_is_where_two_weighted_straight_courses_do_not_meet():
         for sign, own in zip((-1.0, 1.0), found, strict=True):
             away = sign * (time - at_s) / window_s
             use = (away > KINK) & (away < SIDE) & ~silent[:, k]
-            line = np.polyfit(time[use] - at_s, value[use, k], 1,
-                              w=variance[use, k] ** -0.5)  # fmt: skip
+            line = np.polyfit(time[use] - at_s, value[use, k], 1, w=variance[use, k] ** -0.5)
             assert own == pytest.approx(line[1])

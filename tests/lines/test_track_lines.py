@@ -8,13 +8,7 @@ from scipy.stats import poisson
 from studies.line_sound import detect_line, minute, score
 from studies.trace_noise import noise_recording
 from tests.draws.long_lines import lines_heard
-from tests.lines.line_scenes import (
-    cut,
-    doppler,
-    line_peaks,
-    passage_bearing,
-    some_frames,
-)
+from tests.lines.line_scenes import cut, doppler, line_peaks, passage_bearing, some_frames
 from tests.support import DIFAR, recording_of
 from uwtrack_cli.data.lines import COASTED, Lines
 from uwtrack_cli.data.peaks import Peaks
@@ -56,10 +50,7 @@ def owner(lines: Lines, frequency: np.ndarray) -> dict[int, int]:
         int(k): int(
             np.argmin(
                 np.median(
-                    np.abs(
-                        lines.frequency_hz[at][:, None] - frequency[lines.frame[at]]
-                    ),
-                    axis=0,
+                    np.abs(lines.frequency_hz[at][:, None] - frequency[lines.frame[at]]), axis=0
                 )
             )
         )
@@ -151,9 +142,7 @@ def test_lines_that_cross_keep_their_identity() -> None:
             at = lines.line == k
             late = at & (lines.frame > 300)
             if late.any():
-                away = np.abs(
-                    lines.frequency_hz[late] - frequency[lines.frame[late], line]
-                )
+                away = np.abs(lines.frequency_hz[late] - frequency[lines.frame[late], line])
                 swaps += np.median(away) > 1.0
         long = [k for k in names if np.count_nonzero(lines.line == k) > 350]
         assert len(long) == 2
@@ -296,20 +285,13 @@ def test_two_vessels_with_crossing_bearings_stay_two_contacts() -> None:
         axis=1,
     )
     bearing = np.concatenate(
-        [
-            np.repeat(passage_bearing(time, **course)[:, None], 3, axis=1)
-            for course in courses
-        ],
+        [np.repeat(passage_bearing(time, **course)[:, None], 3, axis=1) for course in courses],
         axis=1,
     )
     lines = track(line_peaks(frequency, bearing))
     names = owner(lines, frequency)
-    contact = dict(
-        zip(lines.line_id.tolist(), lines.line_contact.tolist(), strict=True)
-    )
-    groups = [
-        {contact[k] for k, v in names.items() if v // 3 == side} for side in (0, 1)
-    ]
+    contact = dict(zip(lines.line_id.tolist(), lines.line_contact.tolist(), strict=True))
+    groups = [{contact[k] for k, v in names.items() if v // 3 == side} for side in (0, 1)]
     assert [len(group) for group in groups] == [1, 1]
     assert groups[0] != groups[1]
 
@@ -327,9 +309,7 @@ def test_without_bearings_shared_doppler_groups_the_lines() -> None:
     )
     lines = track(line_peaks(frequency))
     names = owner(lines, frequency)
-    contact = {
-        names[int(k)]: c for k, c in zip(lines.line_id, lines.line_contact, strict=True)
-    }
+    contact = {names[int(k)]: c for k, c in zip(lines.line_id, lines.line_contact, strict=True)}
     assert contact[0] == contact[1] != contact[2] == contact[3]
 
 
@@ -339,9 +319,7 @@ def test_mains_multiples_are_marked_as_hum_and_kept() -> None:
     everything = np.concatenate([frequency, hum], axis=1)
     lines = track(line_peaks(everything))
     names = owner(lines, everything)
-    status = {
-        names[int(k)]: s for k, s in zip(lines.line_id, lines.line_status, strict=True)
-    }
+    status = {names[int(k)]: s for k, s in zip(lines.line_id, lines.line_status, strict=True)}
     assert [status[k] for k in (4, 5, 6)] == ["hum"] * 3
     assert all(status[k] == "moving" for k in (1, 2, 3))
 
@@ -424,9 +402,7 @@ def test_a_line_of_the_stated_weakest_snr_is_heard_about_every_other_time() -> N
     weakest_db = score(blocks).weakest_line_snr_db
     # cell to 1 Hz: the Hann window's noise bandwidth of 1.5 bins
     snr_db = weakest_db + 10 * np.log10(1.5)
-    heard = np.mean(
-        [detect_line("score", snr_db, seed).is_detected for seed in range(14)]
-    )
+    heard = np.mean([detect_line("score", snr_db, seed).is_detected for seed in range(14)])
     assert 0.15 <= heard <= 0.85
 
 
@@ -448,9 +424,7 @@ def test_a_shift_in_time_shifts_times_only() -> None:
 
     frequency, bearing = vessel(200)
     peaks = line_peaks(frequency, bearing)
-    moved = replace(
-        peaks, frames=replace(peaks.frames, time_s=peaks.frames.time_s + 64.0)
-    )
+    moved = replace(peaks, frames=replace(peaks.frames, time_s=peaks.frames.time_s + 64.0))
     here, there = track(peaks), track(moved)
     assert np.array_equal(there.time_s, here.time_s + 64.0)
     assert np.allclose(there.frequency_hz, here.frequency_hz, atol=1e-9)
@@ -487,17 +461,7 @@ def test_families_without_their_peaks_are_refused_with_the_next_command() -> Non
         lambda: Harmonics(spacing_hz=(5.0, 2.0)),
         lambda: Gates(merge_hz=1e308),
     ],
-    ids=[
-        "window",
-        "alpha",
-        "beta",
-        "gate",
-        "rate",
-        "motion",
-        "hold",
-        "spacing",
-        "merge",
-    ],
+    ids=["window", "alpha", "beta", "gate", "rate", "motion", "hold", "spacing", "merge"],
 )
 def test_options_outside_their_meaning_are_refused(wrong) -> None:
     with pytest.raises(OptionError, match="got"):
@@ -505,15 +469,11 @@ def test_options_outside_their_meaning_are_refused(wrong) -> None:
 
 
 @pytest.mark.parametrize(("n_lines", "n_looks"), [(20, 12), (220, 3)])
-def test_families_are_sought_less_often_among_very_many_lines(
-    monkeypatch, n_lines, n_looks
-):
+def test_families_are_sought_less_often_among_very_many_lines(monkeypatch, n_lines, n_looks):
     """In 60 frames every fifth; of 220 lines, of which pairs are many, every 20th."""
     looks = []
     found = LastLook.find_combs
-    monkeypatch.setattr(
-        LastLook, "find_combs", lambda *given: looks.append(1) or found(*given)
-    )
+    monkeypatch.setattr(LastLook, "find_combs", lambda *given: looks.append(1) or found(*given))
     frequency = np.tile(20.0 + 4.0 * np.arange(n_lines), (60, 1))
     lines = track(line_peaks(frequency))
     assert abs(len(looks) - n_looks) <= 1
@@ -521,9 +481,7 @@ def test_families_are_sought_less_often_among_very_many_lines(
 
 
 @pytest.mark.parametrize(("command", "level_db"), [("track", -4.0), ("trace", -9.0)])
-def test_frames_of_eight_seconds_hear_steady_lines_far_below_those_of_one(
-    command, level_db
-):
+def test_frames_of_eight_seconds_hear_steady_lines_far_below_those_of_one(command, level_db):
     assert lines_heard(command, 8.0, level_db, 33) >= 6  # of 8; the band is one in two
 
 
@@ -544,9 +502,7 @@ def test_a_line_is_followed_through_a_passage_near_a_vector_sensor():
     )
     blocks = compute_spectrogram(recording, band_hz=(20.0, 100.0))
     lines = Lines.join(list(track_lines(find_peaks(block) for block in blocks)))
-    near = (np.abs(lines.frequency_hz - 60.0) < 1.0) & (
-        np.abs(lines.time_s - 100.0) < 40.0
-    )
+    near = (np.abs(lines.frequency_hz - 60.0) < 1.0) & (np.abs(lines.time_s - 100.0) < 40.0)
     assert np.unique(lines.line[near]).size == 1
     is_taken = near & (lines.association != COASTED)
     assert np.count_nonzero(is_taken) >= 150  # of 160 frames

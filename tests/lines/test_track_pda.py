@@ -26,14 +26,9 @@ TONES_HZ = np.array([120.3, 211.7, 333.2])
 def blocks():
     n = round(120 * RATE_HZ)
     course = np.repeat(TONES_HZ[:, None], n, axis=1)
-    samples = simulate_tones(
-        np.random.default_rng(1), course, 8.0, sample_rate_hz=RATE_HZ
-    )
+    samples = simulate_tones(np.random.default_rng(1), course, 8.0, sample_rate_hz=RATE_HZ)
     recording = recording_of(samples, RATE_HZ)
-    return [
-        find_peaks(block, kept_probability=0.1)
-        for block in compute_spectrogram(recording)
-    ]
+    return [find_peaks(block, kept_probability=0.1) for block in compute_spectrogram(recording)]
 
 
 def _join(found):
@@ -43,9 +38,9 @@ def _join(found):
 def test_clear_tones_are_followed_within_their_stated_deviation(blocks):
     lines = _join(track_lines_pda(iter(blocks)))
     assert lines.line_id.size == 3
-    error = lines.frequency_hz - TONES_HZ[
-        np.abs(lines.frequency_hz[:, None] - TONES_HZ).argmin(axis=1)
-    ]  # fmt: skip
+    error = (
+        lines.frequency_hz - TONES_HZ[np.abs(lines.frequency_hz[:, None] - TONES_HZ).argmin(axis=1)]
+    )
     variance = lines.frequency_covariance[:, 0, 0]
     assert np.all(variance > 0.0)
     assert 0.05 < (error**2 / variance).mean() < 2.0
@@ -62,14 +57,11 @@ def test_the_blocks_in_which_frames_arrive_do_not_change_a_bit(blocks):
         frames = joined.frames.take("frame", slice(low, high))
         parts.append(
             replace(
-                joined.take("peak", np.flatnonzero(inside)),
-                frames=replace(frames, first_frame=low),
+                joined.take("peak", np.flatnonzero(inside)), frames=replace(frames, first_frame=low)
             )
         )
     outputs = list(track_lines_pda(iter(parts)))
-    assert [o.frames.n_frames for o in outputs[: len(parts)]] == [
-        p.frames.n_frames for p in parts
-    ]
+    assert [o.frames.n_frames for o in outputs[: len(parts)]] == [p.frames.n_frames for p in parts]
     cut = _join(outputs)
     for name in ("line", "frame", "frequency_hz", "frequency_covariance"):
         np.testing.assert_array_equal(getattr(cut, name), getattr(whole, name))
@@ -98,10 +90,7 @@ def test_strong_tones_are_followed_as_by_the_plain_tracker(blocks):
     ours, plain = _join(track_lines_pda(iter(blocks))), _join(track_lines(iter(blocks)))
     assert ours.line_id.size == plain.line_id.size
     for tone in TONES_HZ:
-        means = [
-            x.frequency_hz[np.abs(x.frequency_hz - tone) < 1].mean()
-            for x in (ours, plain)
-        ]
+        means = [x.frequency_hz[np.abs(x.frequency_hz - tone) < 1].mean() for x in (ours, plain)]
         assert means[0] == pytest.approx(means[1], abs=0.01)
 
 

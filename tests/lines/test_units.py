@@ -40,9 +40,7 @@ def scene(seed: int, *, has_bearings: bool) -> Peaks:
     frequency = np.stack([turning, fading, sweep, 600 + cross, 600 - cross, *family], 1)
     first = 10.0 * np.arange(frequency.shape[1])
     bearing = first + 0.15 * frame[:, None] if has_bearings else None
-    return line_peaks(
-        frequency, bearing, clutter=6.0, seen=0.9, snr_db=9.0, seed=seed
-    )  # fmt: skip
+    return line_peaks(frequency, bearing, clutter=6.0, seen=0.9, snr_db=9.0, seed=seed)
 
 
 def slowed(peaks: Peaks) -> Peaks:
@@ -54,9 +52,7 @@ def slowed(peaks: Peaks) -> Peaks:
         band_high_hz=peaks.frames.band_high_hz / SLOWER,
     )
     names = ("frequency_hz", "frequency_std_hz", "lowest_hz", "highest_hz")
-    return replace(
-        peaks, frames=frames, **{n: getattr(peaks, n) / SLOWER for n in names}
-    )
+    return replace(peaks, frames=frames, **{n: getattr(peaks, n) / SLOWER for n in names})
 
 
 def options(factor: float) -> dict[str, Any]:
@@ -165,7 +161,7 @@ def test_joined_rungs_of_slower_frames_are_the_same() -> None:
                 duration_s=80.0 * factor,
             )
             for w in (4.0, 1.0, 0.25)
-        ]  # fmt: skip
+        ]
         lines.append(join_rungs(told))
     slow, usual = lines
     assert usual.line_id.size == 3

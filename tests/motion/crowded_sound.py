@@ -27,9 +27,7 @@ def arrival_s(scene):
     return scene.closest_s + scene.range_m / 1500.0
 
 
-def crowded_levels(
-    scenes, snrs_db, rng, *, has_bearing=True, spreading_db=20.0, drift_db=0.0
-):
+def crowded_levels(scenes, snrs_db, rng, *, has_bearing=True, spreading_db=20.0, drift_db=0.0):
     """Return levels with 0.5 dB of noise, above a background that may drift."""
     time = np.asarray(frames_of(600.0).time_s)
     total = 10 ** (drift_db / 10 * drift(rng, time))

@@ -63,15 +63,11 @@ def still_recording(seed):
         if rng.random() < 0.5:
             around = 360 * rng.random(bearing.size)
             bearing = np.where(own, around, bearing)
-    lines = replace(
-        lines, measured_frequency_hz=frequency, measured_bearing_deg=bearing
-    )
+    lines = replace(lines, measured_frequency_hz=frequency, measured_bearing_deg=bearing)
     levels = levels_of_scene(scenes[0], rng, snr_db=-60.0)
     drift = 0.0
     if rng.random() < 0.7:
-        drift = 10 ** rng.uniform(-0.5, 0.6) * gauss_markov(
-            rng, time, 10 ** rng.uniform(0.7, 2.5)
-        )
+        drift = 10 ** rng.uniform(-0.5, 0.6) * gauss_markov(rng, time, 10 ** rng.uniform(0.7, 2.5))
     around = 360 * rng.random(levels.bearing_deg.size)
     return lines, replace(
         levels,
@@ -91,9 +87,7 @@ def claims(lines, levels, sensor, stated):
     for probability in sorted(stated, reverse=True):
         with warnings.catch_warnings():  # that the option is taken out
             warnings.simplefilter("ignore", UwtrackWarning)
-            rows = find_encounters(
-                lines, levels, sensor, false_alarm_probability=probability
-            )
+            rows = find_encounters(lines, levels, sensor, false_alarm_probability=probability)
         found[probability] = bool(np.isfinite(rows.time_s).any())
         if not found[probability]:
             break

@@ -108,15 +108,10 @@ def draw(name, seed):
     bearing = course - turn * 90.0 + turn * np.degrees(np.arctan2(x, y))
     ratio = 1.0 / (1.0 + rate / sound)
     if kind.jitter:
-        ratio = ratio * (
-            1.0 + 10 ** rng.uniform(-4.3, -3.0) * wander(rng, time.size, 20.0)
-        )
+        ratio = ratio * (1.0 + 10 ** rng.uniform(-4.3, -3.0) * wander(rng, time.size, 20.0))
     surface = rng.uniform(0.5, 1.0) if kind.has_image else 0.0
     bottom, water = rng.uniform(0.3, 0.8), rng.uniform(28.0, 80.0)
-    fading, memory = (
-        rng.uniform(*kind.fading_db),
-        np.exp(rng.uniform(*np.log([2.0, 60.0]))),
-    )
+    fading, memory = (rng.uniform(*kind.fading_db), np.exp(rng.uniform(*np.log([2.0, 60.0]))))
     common = rng.uniform(0.0, 3.0) * wander(rng, time.size, 60.0)
     base, count = rng.uniform(30.0, 150.0), int(rng.integers(1, kind.most_lines + 1))
     columns = []
@@ -128,13 +123,9 @@ def draw(name, seed):
         )  # fmt: skip
         level = 20 * np.log10(np.abs(loss)) + fading * wander(rng, time.size, memory)
         level += common
-        level += rng.uniform(18.0, 30.0) - np.median(
-            level[abs(time - closest) < slant / speed]
-        )
+        level += rng.uniform(18.0, 30.0) - np.median(level[abs(time - closest) < slant / speed])
         amplitude = 10 ** (level / 20)
-        noise = (
-            rng.normal(size=time.size) + 1j * rng.normal(size=time.size)
-        ) / np.sqrt(2)
+        noise = (rng.normal(size=time.size) + 1j * rng.normal(size=time.size)) / np.sqrt(2)
         cell = np.abs(amplitude + noise) ** 2
         std = np.sqrt(1.5) / (np.pi * amplitude)
         bearing_std = np.degrees(1.0 / amplitude)
@@ -148,17 +139,13 @@ def draw(name, seed):
     lines = replace(lines, measured_snr_db=snr_db)
     if not kind.has_bearing:
         unknown = np.full(snr_db.size, np.nan)
-        lines = replace(
-            lines, measured_bearing_deg=unknown, measured_bearing_std_deg=unknown
-        )
+        lines = replace(lines, measured_bearing_deg=unknown, measured_bearing_std_deg=unknown)
     lines = lines.take("point", np.flatnonzero(snr_db > 3.0))
     sensor = Sensor(
         id="h1", kind="difar" if kind.has_bearing else "omni", depth_m=SENSOR_DEPTH_M,
         depth_std_m=0.5, sound_speed_std_mps=7.5, compass_std_deg=2.0,
     )  # fmt: skip
-    return Drawn(
-        np.array([closest, speed, slant, slant / speed, course]), sensor, lines
-    )
+    return Drawn(np.array([closest, speed, slant, slant / speed, course]), sensor, lines)
 
 
 def analyse(drawn, *, has_levels=True):

@@ -80,9 +80,7 @@ def analyse(scene, compass_deg, rng, *, has_lines=True):
     """Return the row of a drawn passage, None if none was found."""
     sensor, priors = told()
     data = measure(scene, rng, 1)
-    shifted = type(data)(
-        **{**vars(data), "bearing_deg": (data.bearing_deg - compass_deg) % 360}
-    )
+    shifted = type(data)(**{**vars(data), "bearing_deg": (data.bearing_deg - compass_deg) % 360})
     ids = np.arange(1, len(scene.rest_hz) + 1)
     if not has_lines:
         ids = ids[:0]
@@ -114,22 +112,18 @@ def score(kind, seed):
         ("speed_mps", "speed_std_mps", scene.speed_mps),
         ("slant_range_m", "slant_range_std_m", scene.range_m),
         ("horizontal_range_m", "horizontal_range_std_m", flat),
+        ("range_over_speed_s", "range_over_speed_std_s", scene.range_m / scene.speed_mps),
         (
-            "range_over_speed_s", "range_over_speed_std_s",
-            scene.range_m / scene.speed_mps,
-        ),
-        (
-            "horizontal_range_over_speed_s", "horizontal_range_over_speed_std_s",
+            "horizontal_range_over_speed_s",
+            "horizontal_range_over_speed_std_s",
             flat / scene.speed_mps,
         ),
         ("course_deg", "course_std_deg", scene.bearing_deg + 90.0 * scene.turn),
-    )  # fmt: skip
+    )
     error = np.array([v[name] - truth for name, _, truth in pairs])
     error[6] = (error[6] + 180.0) % 360.0 - 180.0
     side = "starboard" if scene.turn > 0 else "port"
-    return Draw(
-        error, np.array([v[std] for _, std, _ in pairs]), row.side not in ("", side)
-    )
+    return Draw(error, np.array([v[std] for _, std, _ in pairs]), row.side not in ("", side))
 
 
 def holds_on_both_sides(deviations):

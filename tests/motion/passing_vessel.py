@@ -46,9 +46,7 @@ def lines_of_scenes(scenes, rng, *, has_bearing=True, status="moving", frames=No
     time = np.asarray(frames.time_s)
     points, numbers, contacts = [], [], []
     for contact, scene in enumerate(scenes, 1):
-        motion = np.array(
-            [scene.closest_s, scene.range_m / scene.speed_mps, scene.speed_mps, 0.0]
-        )
+        motion = np.array([scene.closest_s, scene.range_m / scene.speed_mps, scene.speed_mps, 0.0])
         ratio, angle, distance = received(scene, time, motion)
         far = distance / scene.range_m
         for rest in scene.rest_hz:
@@ -115,9 +113,7 @@ def levels_of_scene(scene, rng, *, snr_db=15.0, level_db=120.0, has_bearing=True
     """Broadband levels and bearings; ``level_db`` is the vessel's at its closest."""
     frames = frames_of(scene.length_s)
     time = np.asarray(frames.time_s)
-    motion = np.array(
-        [scene.closest_s, scene.range_m / scene.speed_mps, scene.speed_mps, 0.0]
-    )
+    motion = np.array([scene.closest_s, scene.range_m / scene.speed_mps, scene.speed_mps, 0.0])
     _, angle, distance = received(scene, time, motion)
     near = (scene.range_m / distance) ** 2
     excess = 10 * np.log10(10 ** (snr_db / 10) * near + 1)
@@ -130,9 +126,7 @@ def levels_of_scene(scene, rng, *, snr_db=15.0, level_db=120.0, has_bearing=True
         level_db=excess + level_db - snr_db,
         excess_db=excess,
         excess_std_db=np.ones(time.size),
-        bearing_deg=(bearing + std * rng.normal(size=time.size)) % 360
-        if has_bearing
-        else unknown,
+        bearing_deg=(bearing + std * rng.normal(size=time.size)) % 360 if has_bearing else unknown,
         bearing_std_deg=std if has_bearing else unknown,
         band_low_hz=100.0,
         band_high_hz=1000.0,
@@ -140,6 +134,4 @@ def levels_of_scene(scene, rng, *, snr_db=15.0, level_db=120.0, has_bearing=True
     )
 
 
-__all__ = [
-    "Scene", "frames_of", "levels_of_scene", "lines_of_columns", "lines_of_scenes",
-]  # fmt: skip
+__all__ = ["Scene", "frames_of", "levels_of_scene", "lines_of_columns", "lines_of_scenes"]

@@ -70,9 +70,7 @@ def fit_bearings(
     return _single(data, Medium(1500.0), 1)
 
 
-def fit_envelope(
-    time_s: FloatArray, level_db: FloatArray, level_std_db: FloatArray
-) -> SingleFit:
+def fit_envelope(time_s: FloatArray, level_db: FloatArray, level_std_db: FloatArray) -> SingleFit:
     """Fit the level of a passage with a free floor, in decibels.
 
     Parameters
@@ -131,9 +129,7 @@ def _single(data: PassageData, medium: Medium, kind: int) -> SingleFit:
     if not starts.turn.size:
         msg = "the measurements show no passage: nothing changes as one would."
         raise DataError(msg)
-    fits = fit_passage(
-        blocks, starts.theta, starts.turn, medium, with_coloured_noise=False
-    )
+    fits = fit_passage(blocks, starts.theta, starts.turn, medium, with_coloured_noise=False)
     best = take_rows(fits, [int(np.argmin(fits.cost))])
     fit = fit_passage(blocks, best.theta, best.turn, medium)
     return _report(fit, medium, kind)

@@ -94,9 +94,7 @@ class Scene:
                   self.time_s + INTERVAL_S / 2, self.time_s - INTERVAL_S / 2)  # fmt: skip
         at = np.unique(np.concatenate(wanted))
         paths = [OwnPath(at, *place(k, at), np.full(at.size, np.nan)) for k in range(n)]
-        track = make_sensors_track(
-            paths, self.sensor, self.time_s, self.doppler, INTERVAL_S
-        )
+        track = make_sensors_track(paths, self.sensor, self.time_s, self.doppler, INTERVAL_S)
         return Problem(
             track, data, weight, heard[None], frequency_weight, SOUND_MPS,
             delayed=self.delayed, loss=loss, height_m=self.height_m,

@@ -48,7 +48,7 @@ def test_the_farther_apart_the_less_it_is_one_vessel(name):
         odds = [
             same_vessel(ONE, ONE._replace(**{name: getattr(ONE, name) + sign * k * STEPS[name]}))
             for k in range(7)
-        ]  # fmt: skip
+        ]
         assert all(a > b for a, b in pairwise(odds))
         assert odds[0] > 0.0
 

@@ -33,9 +33,7 @@ def image_delays(path, east, north):
     plane = -150.0 if path == "bottom" else 0.0
     image = source.copy()
     image[:, 2] = 2.0 * plane - source[:, 2]
-    direct, reflected = (
-        np.sqrt(((one - sensor) ** 2).sum(-1)) for one in (source, image)
-    )
+    direct, reflected = (np.sqrt(((one - sensor) ** 2).sum(-1)) for one in (source, image))
     return direct, (reflected - direct) / 1480.0
 
 
@@ -50,9 +48,7 @@ def test_delays_are_those_of_the_image_of_the_source(path):
     up, down = (bounce.delay_s(direct + one, 1480.0)[0] for one in (0.01, -0.01))
     np.testing.assert_allclose(slope, (up - down) / 0.02, rtol=1e-5, atol=1e-14)
     above = np.zeros(1)
-    assert bounce.most_m / 1480.0 == pytest.approx(
-        image_delays(path, above, above)[1][0]
-    )
+    assert bounce.most_m / 1480.0 == pytest.approx(image_delays(path, above, above)[1][0])
 
 
 @pytest.mark.parametrize("path", ["bottom", "surface"])
@@ -69,9 +65,7 @@ def test_the_factor_holds_what_the_depths_may_be_far_away(path):
 
 def problem_of(table, bounce):
     exact = NuisanceDeviations()
-    options = TmaOptions(
-        nuisances=exact, sound_speed_mps=1500.0, is_table=True, bounce=bounce
-    )
+    options = TmaOptions(nuisances=exact, sound_speed_mps=1500.0, is_table=True, bounce=bounce)
     return build_problem(measurements_from_series(table)[0], options)
 
 
@@ -88,9 +82,8 @@ def test_the_gradient_of_the_misfit_is_its_slope_with_delays(loss):
     noise = 0.3 * np.random.default_rng(1).standard_normal(180)
     frequency = 300.0 * (1.0 - np.gradient(away, table.time_s) / 1500.0) + noise
     table = replace(
-        table, frequency_hz=frequency[:, np.newaxis],
-        frequency_std_hz=np.full((180, 1), 0.3),
-    )  # fmt: skip
+        table, frequency_hz=frequency[:, np.newaxis], frequency_std_hz=np.full((180, 1), 0.3)
+    )
     bounce = bounce_of(bounce_delays.GEOMETRY, None)
     problem = replace(problem_of(table, bounce), loss=loss)
     q = from_state(state[np.newaxis])[0] + np.array([0.002, 0.001, 0.005, -0.005])
@@ -100,16 +93,14 @@ def test_the_gradient_of_the_misfit_is_its_slope_with_delays(loss):
     found = 2.0 * misfit(problem, q[np.newaxis]).gradient[0]
     # three reweightings bring the scales nearly to the robust minimum
     np.testing.assert_allclose(
-        found, slope, rtol=1e-4 if loss == "squares" else 0.02,
-        atol=1e-4 * np.abs(slope).max(),
-    )  # fmt: skip
+        found, slope, rtol=1e-4 if loss == "squares" else 0.02, atol=1e-4 * np.abs(slope).max()
+    )
 
 
 def estimate(table, own, **options):
     return estimate_motion(
-        table, None, own, updates=1, nuisances=Nuisances(**bounce_delays.TOLD),
-        **options,
-    )  # fmt: skip
+        table, None, own, updates=1, nuisances=Nuisances(**bounce_delays.TOLD), **options
+    )
 
 
 def test_delays_tell_the_range_that_bearings_do_not():
@@ -121,9 +112,7 @@ def test_delays_tell_the_range_that_bearings_do_not():
     assert found.range_std_m[0] == pytest.approx(bound, rel=0.2)
     assert "bottom bounce, water of 400 m" in found.statement
     assert found.rest_frequency_hz.size == 0
-    exact = replace(
-        bounce_delays.GEOMETRY, source_depth_std_m=0.0, water_depth_std_m=0.0
-    )
+    exact = replace(bounce_delays.GEOMETRY, source_depth_std_m=0.0, water_depth_std_m=0.0)
     assert estimate(table, own, bounce=exact).range_std_m[0] < 0.5 * bound
 
 
@@ -140,9 +129,7 @@ def test_outliers_among_delays_move_the_range_little():
     table, own, truth, bound = bounce_delays.draw(9008)
     late = table.bounce_delay_s.copy()
     late[::30] *= 1.5
-    found = estimate(
-        replace(table, bounce_delay_s=late), own, bounce=bounce_delays.GEOMETRY
-    )
+    found = estimate(replace(table, bounce_delay_s=late), own, bounce=bounce_delays.GEOMETRY)
     assert abs(found.range_m[0] - truth[0]) < 3.0 * bound
 
 
@@ -195,9 +182,7 @@ def test_a_table_has_delays_in_some_rows(tmp_path):
         "time_s,bearing_deg,bounce_delay_s,bounce_delay_std_s\n"
         "0,10,0.02,0.001\n10,11,,\n20,12,0.021,\n"
     )
-    np.testing.assert_array_equal(
-        read_series(path).bounce_delay_s, [0.02, np.nan, 0.021]
-    )
+    np.testing.assert_array_equal(read_series(path).bounce_delay_s, [0.02, np.nan, 0.021])
     path.write_text("time_s,bearing_deg,bounce_delay_s\n0,10,-0.02\n")
     with pytest.raises(DataError, match="bounce_delay_s"):
         read_series(path)

@@ -39,9 +39,7 @@ def together(truth, noise=0.0):
 
 def start(truth):
     rows = [(t + 4.0, np.log(r) + 0.2, np.log(p), b) for t, r, p, b, _ in truth]
-    return np.array([[0.1, 1.1, 0.0, 0.0, *np.ravel(rows)]]), np.array(
-        [[row[-1] for row in truth]]
-    )
+    return np.array([[0.1, 1.1, 0.0, 0.0, *np.ravel(rows)]]), np.array([[row[-1] for row in truth]])
 
 
 def test_exact_sums_are_taken_apart_exactly():
@@ -55,10 +53,7 @@ def test_what_one_source_alone_would_give_is_what_it_gives_alone():
     sound = together(TRUTH)
     sources = fit_sources(sound, NONE_KNOWN, *start(TRUTH))
     for row in range(2):
-        own, truth = (
-            alone(sources, row, sound, NONE_KNOWN),
-            together(TRUTH[row : row + 1]),
-        )
+        own, truth = (alone(sources, row, sound, NONE_KNOWN), together(TRUTH[row : row + 1]))
         np.testing.assert_allclose(own.power, truth.power, atol=5e-3)
         kept = np.isfinite(own.bearing)
         assert kept.sum() > 100
@@ -123,9 +118,7 @@ def test_what_moves_a_known_source_within_its_deviations_is_no_other():
     power, vector = source(*TRUTH[0])
     flow = 0.4 * np.exp(0.3j)
     ones = np.full(TIME_S.size, 0.02)
-    sound = BroadbandSeries(
-        TIME_S, np.log(1.0 + power), ones, np.angle(vector + flow), ones
-    )
+    sound = BroadbandSeries(TIME_S, np.log(1.0 + power), ones, np.angle(vector + flow), ones)
 
     def heard(time, width):
         seen = np.unwrap(np.angle(source(time, width, *TRUTH[0][2:])[1]))

@@ -56,8 +56,7 @@ def test_the_prior_of_a_change_of_velocity_integrates_to_one():
         # away from the leg, so that this leg is the faster one: unit of the size
         return density(MANOEUVRE, [-np.exp(x), 0.0]) * 2 * np.pi * np.exp(2 * x)
 
-    inside = quad(ring, np.log(low / 1e3), np.log(0.98 * high), limit=400,
-                  points=[np.log(low)])[0]  # fmt: skip
+    inside = quad(ring, np.log(low / 1e3), np.log(0.98 * high), limit=400, points=[np.log(low)])[0]
     assert inside == pytest.approx(1.0, abs=0.02)
 
 
@@ -67,9 +66,7 @@ def test_no_vessel_changes_its_velocity_by_more_than_its_speed_allows():
     straight = speed_prior(fitted(None, []))
     fast = fitted(MANOEUVRE, [14.0, 0.0], std=0.3, speed=3.0)
     slow = fitted(MANOEUVRE, [2.0, 0.0], std=0.3, speed=3.0)
-    evidence = [
-        speed_prior(one) - straight - cost_of_change(one, TIME) for one in (slow, fast)
-    ]
+    evidence = [speed_prior(one) - straight - cost_of_change(one, TIME) for one in (slow, fast)]
     assert evidence[0] > evidence[1] + 4.0
     far = cost_of_change(fitted(STEP, 0.1, std=5e-3), TIME)
     near = cost_of_change(fitted(STEP, 0.04, std=5e-3), TIME)
@@ -96,8 +93,7 @@ def test_a_speed_costs_what_its_evidence_lacks():
     def prior(speed):
         return np.exp(speed_prior(fitted(None, [], speed=speed)))
 
-    whole = quad(lambda x: prior(np.exp(x)) * np.exp(x), np.log(0.26), np.log(1e6),
-                 limit=300)[0]  # fmt: skip
+    whole = quad(lambda x: prior(np.exp(x)) * np.exp(x), np.log(0.26), np.log(1e6), limit=300)[0]
     for speed, std in ((5.0, 0.3), (30.0, 2.0), (110.0, 8.0)):
         one = fitted(None, [], speed=speed)
         one.covariance = np.full((1, 4, 4), std**2)

@@ -42,9 +42,7 @@ def test_lines_that_move_together_gain_what_means_of_cells_say():
     weight[row == 1] *= time[row == 1] > 26.0
     level = 2 - np.log1p(((time - 28.0) / width) ** 2) + 0.3 * rng.standard_normal(300)
     level[::7] = np.nan
-    measured = moving_lines._Measured(
-        np.array([4, 9]), row, time, value, weight, level, 3.0
-    )
+    measured = moving_lines._Measured(np.array([4, 9]), row, time, value, weight, level, 3.0)
     found = moving_lines._gains(measured, width, span, mach)
     assert found.shape == (2, 8, 2)
     number = np.floor((time - span[0]) / 2.0).astype(int)
@@ -53,9 +51,7 @@ def test_lines_that_move_together_gain_what_means_of_cells_say():
     def gain(own, size, y, w, law):
         """Over a constant about one place, by means of its cells."""
         cells = [(k, own & (number - place == k) & (w > 0)) for k in range(-16, 17)]
-        used = [
-            (k, np.average(y[c], weights=w[c]), w[c].sum()) for k, c in cells if c.any()
-        ]
+        used = [(k, np.average(y[c], weights=w[c]), w[c].sum()) for k, c in cells if c.any()]
         if not used:
             return 0.0
         k, mean, mass = map(np.array, zip(*used, strict=True))
@@ -97,9 +93,7 @@ def test_a_level_over_its_background_is_what_exact_sums_say():
     one = radiated._Passage(1, "a", "ok", -1, None, 700.0, 20.0, 120.0, 6.0)
     found = radiated._bands(one, levels, [one], 20.0)
     np.testing.assert_allclose(found.level_db[0], 140.0, atol=0.1)
-    np.testing.assert_allclose(
-        found.background_db, 10 * np.log10(background), atol=0.02
-    )
+    np.testing.assert_allclose(found.background_db, 10 * np.log10(background), atol=0.02)
     assert np.isnan(found.level_db[1])  # 10 lg (1e10 / 120^2) is 3 dB below it
     assert found.reasons == ["", radiated.TOO_WEAK]
     # exact sound: five per cent of the range are 0.43 dB
@@ -145,9 +139,7 @@ def seen_by_sensors(state):
             there = state[:2] + (t - AT_S) * state[2:]
             return there - APPROACHES.sensor[k] - own * (t - APPROACHES.measured[k, 0])
 
-        best = minimize_scalar(
-            lambda t, f=away: f(t) @ f(t), bracket=(0.0, 400.0), tol=1e-12
-        )
+        best = minimize_scalar(lambda t, f=away: f(t) @ f(t), bracket=(0.0, 400.0), tol=1e-12)
         speed = np.hypot(*(state[2:] - own))
         slant = np.hypot(np.hypot(*away(best.x)), APPROACHES.height_m[k])
         bearing = np.arctan2(*away(best.x))
@@ -165,10 +157,7 @@ def test_closest_approaches_and_their_partials_are_those_of_a_search():
     off[:, 3] = np.angle(np.exp(1j * off[:, 3]))
     assert np.abs(off).max() < 1e-5
     for k, step in enumerate(np.diag([1e-2, 1e-2, 1e-5, 1e-5])):
-        ends = [
-            predict_approaches((STATE + s * step)[None], APPROACHES, AT_S)[0]
-            for s in (1, -1)
-        ]
+        ends = [predict_approaches((STATE + s * step)[None], APPROACHES, AT_S)[0] for s in (1, -1)]
         change = (ends[0] - ends[1])[0] / (2 * step[k])
         np.testing.assert_allclose(slope[0, :, :, k], change, rtol=1e-5, atol=1e-7)
 
@@ -226,23 +215,14 @@ def test_clock_errors_are_those_of_unknowns_with_a_prior():
     rows.append(np.eye(7)[4:])
     values.append(np.zeros(3))
     rows, values = np.concatenate(rows), np.concatenate(values)
-    best, covariance = (
-        np.linalg.lstsq(rows, values, rcond=None)[0],
-        np.linalg.inv(rows.T @ rows),
-    )
+    best, covariance = (np.linalg.lstsq(rows, values, rcond=None)[0], np.linalg.inv(rows.T @ rows))
     np.testing.assert_allclose(best[:4], 0.0, atol=1e-3)  # it is the fit already
-    np.testing.assert_allclose(
-        fit.covariance[0], covariance[:4, :4], rtol=1e-6, atol=1e-6
-    )
-    assert fit.chi_square[0] == pytest.approx(
-        ((values - rows @ best) ** 2).sum(), rel=1e-4
-    )
+    np.testing.assert_allclose(fit.covariance[0], covariance[:4, :4], rtol=1e-6, atol=1e-6)
+    assert fit.chi_square[0] == pytest.approx(((values - rows @ best) ** 2).sum(), rel=1e-4)
     assert fit.degrees_of_freedom == 10 - 4
     offset, spread = clock_errors(approaches, state, AT_S, std)
     np.testing.assert_allclose(offset, std * best[4:], atol=1e-3)
-    np.testing.assert_allclose(
-        spread, covariance[4:, 4:] * np.outer(std, std), atol=1e-6
-    )
+    np.testing.assert_allclose(spread, covariance[4:, 4:] * np.outer(std, std), atol=1e-6)
 
 
 def block(rng, times):
@@ -282,9 +262,7 @@ def test_the_rivals_of_a_passage_are_the_best_drift_and_step_of_least_squares(ki
     np.testing.assert_allclose(step, size * shape, atol=1e-12)
     bends = [(heard, time - heard)]
     if kind == RAMP:
-        bends += [
-            (66.0 + a, np.where(time < 66.0 + a, time - 66.0 - a, 0.0)) for a in about
-        ]
+        bends += [(66.0 + a, np.where(time < 66.0 + a, time - 66.0 - a, 0.0)) for a in about]
     at, shape, size = best(bends)
     assert found.from_s == pytest.approx(at)
     np.testing.assert_allclose(drift, size * shape, atol=1e-12)
@@ -293,9 +271,7 @@ def test_the_rivals_of_a_passage_are_the_best_drift_and_step_of_least_squares(ki
 def test_readings_reach_apart_by_half_of_what_their_ends_do():
     apart = 3.0 + 0.7 * np.linspace(-1.0, 1.0, 2001)
     assert rest_frame._reach(apart, np.ones(2001)) == pytest.approx(0.7, rel=2e-3)
-    assert rest_frame._reach(apart, (apart > 3.35) * 5.0) == pytest.approx(
-        0.175, rel=0.01
-    )
+    assert rest_frame._reach(apart, (apart > 3.35) * 5.0) == pytest.approx(0.175, rel=0.01)
 
 
 def test_a_tone_gains_what_its_periodogram_does_over_noise():
@@ -348,9 +324,7 @@ def test_partials_beside_a_change_agree_with_central_differences(kind, sign):
     places = [0, 1, 2, 4, *range(5, theta.shape[1])]
     for row, place in enumerate(places, 1):
         step = 1e-6 * np.eye(theta.shape[1])[place]
-        ends = [
-            law_of(theta + s * step, time, medium, change).shift[0] for s in (1, -1)
-        ]
+        ends = [law_of(theta + s * step, time, medium, change).shift[0] for s in (1, -1)]
         slope = (ends[0] - ends[1]) / 2e-6
         np.testing.assert_allclose(law.rows[0, 0, row], slope, atol=1e-6)
 
@@ -366,9 +340,7 @@ def test_blocks_hold_the_weighted_mean_or_the_median_of_their_rows(circular):
     weight[1, 10:17] = 0.0
     edges = np.array([0, 10, 17, 30])
     for robust in (False, True):
-        mean, strength = starts._gather(
-            data, weight, edges, robust=robust, circular=circular
-        )
+        mean, strength = starts._gather(data, weight, edges, robust=robust, circular=circular)
         for row in range(2):
             for k in range(3):
                 cell = np.arange(edges[k], edges[k + 1])
@@ -377,9 +349,7 @@ def test_blocks_hold_the_weighted_mean_or_the_median_of_their_rows(circular):
                 assert strength[row, k] == pytest.approx(np.sqrt(power))
                 if not cell.size:
                     continue
-                value = (
-                    np.mod(data[row, cell], 2 * np.pi) if circular else data[row, cell]
-                )
+                value = np.mod(data[row, cell], 2 * np.pi) if circular else data[row, cell]
                 usual = np.average(value, weights=weight[row, cell] ** 2)
                 usual = np.median(value) if robust else usual
                 off = mean[row, k] - usual
@@ -391,9 +361,7 @@ def test_blocks_hold_the_weighted_mean_or_the_median_of_their_rows(circular):
 def test_bearings_that_cross_give_the_motion_that_they_were_made_of(moving):
     rng = np.random.default_rng(6)
     time, place = np.sort(rng.uniform(0, 900, 40)), rng.uniform(-2000, 2000, (40, 2))
-    truth = np.array([3000.0, 500.0, -3.0, 2.0]) * (
-        [1, 1, 1, 1] if moving else [1, 1, 0, 0]
-    )
+    truth = np.array([3000.0, 500.0, -3.0, 2.0]) * ([1, 1, 1, 1] if moving else [1, 1, 0, 0])
     way = truth[:2] + time[:, None] * truth[2:] - place
     angle = np.arctan2(*way.T)
     found = starts._crossings(
@@ -405,8 +373,7 @@ def test_bearings_that_cross_give_the_motion_that_they_were_made_of(moving):
 
 def test_a_grid_of_starts_covers_range_speed_and_course_evenly():
     limits = SimpleNamespace(
-        lower=np.array([np.log(100.0), -9, -12, -12]),
-        upper=np.array([np.log(1e5), 9, 12.0, 12.0]),
+        lower=np.array([np.log(100.0), -9, -12, -12]), upper=np.array([np.log(1e5), 9, 12.0, 12.0])
     )
     problem = SimpleNamespace(bearing_weight=np.zeros((1, 5)), n_rows=5)
     motion = model.to_motion(starts.start_grid(problem, limits))

@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 
-from uwtrack_cli.estimation.robust import (
-    bisquare_weight,
-    median_scale,
-    neighbour_scale,
-)
+from uwtrack_cli.estimation.robust import bisquare_weight, median_scale, neighbour_scale
 from uwtrack_cli.motion.coloured_noise import (
     ColouredNoise,
     fit_coloured_noise,
@@ -47,9 +43,7 @@ def test_what_has_inertia_is_told_from_what_has_none():
                 value = 5.0 * value[: TIME.size] / value.std()
             one = [(value + rng.standard_normal(TIME.size), PASSAGE[3:].T)]
             every = [
-                likelihoods_by_noise(one, np.ones(TIME.size), TIME, 40.0, smooth=s)[
-                    1, 0
-                ]
+                likelihoods_by_noise(one, np.ones(TIME.size), TIME, 40.0, smooth=s)[1, 0]
                 for s in (True, False)
             ]
             gain += every[0] - every[1]
@@ -61,26 +55,20 @@ def information(weight, time_s, noise):
     lag = np.abs(time_s[:, None] - time_s[None, :])
     slow = sum(
         variance * np.exp(-lag / correlation_time)
-        for variance, correlation_time in zip(
-            noise.variance, noise.correlation_time_s, strict=True
-        )
+        for variance, correlation_time in zip(noise.variance, noise.correlation_time_s, strict=True)
     )
     return np.linalg.inv(noise.inflation * (np.diag(1 / weight) + slow))
 
 
 LAG_S = np.array([10.0, 40.0])
 X = (TIME - 300.0) / 40.0
-PASSAGE = np.stack(
-    [1 / (1 + X**2) ** 1.5, X / (1 + X**2) ** 1.5, X / np.hypot(1, X), X**0]
-)
+PASSAGE = np.stack([1 / (1 + X**2) ** 1.5, X / (1 + X**2) ** 1.5, X / np.hypot(1, X), X**0])
 """What time, width, speed and rest frequency of a passage of 40 s do to a line."""
 
 
 def found_in(series, columns):
     nothing = (np.zeros(0), np.zeros((0, columns.shape[1])))
-    return fit_coloured_noise(
-        series, np.ones(TIME.size), TIME, columns, 40.0, nothing
-    )  # fmt: skip
+    return fit_coloured_noise(series, np.ones(TIME.size), TIME, columns, 40.0, nothing)
 
 
 def estimate(series, noise):
@@ -98,17 +86,13 @@ def test_patterns_take_what_the_inverse_of_the_whole_covariance_lacks(has_colour
     """Noise, and patterns of sizes with unit variance: inverted as one matrix."""
     rng = np.random.default_rng(2)
     time = TIME[:60]
-    weight = np.where(
-        rng.random(time.size) < 0.2, 0.0, rng.uniform(0.5, 2.0, time.size)
-    )
+    weight = np.where(rng.random(time.size) < 0.2, 0.0, rng.uniform(0.5, 2.0, time.size))
     noise = ColouredNoise(np.array([0.8]), np.array([9.0])) if has_colour else None
     own = information_loss(weight, time, noise) if has_colour else None
     patterns = np.stack([np.sin(time / 9.0), time / 60.0])
     taken = with_patterns(weight, own, patterns).times(np.eye(time.size))
     heard = np.flatnonzero(weight)
-    covariance = (
-        np.diag(1 / weight[heard]) + (patterns.T @ patterns)[np.ix_(heard, heard)]
-    )
+    covariance = np.diag(1 / weight[heard]) + (patterns.T @ patterns)[np.ix_(heard, heard)]
     if has_colour:
         covariance += 0.8 * np.exp(-np.abs(np.subtract.outer(heard, heard)) / 9.0)
     whole = np.diag(weight)
@@ -240,9 +224,7 @@ def test_stronger_white_noise_alone_takes_a_share_of_everything():
 def test_the_long_run_excess_is_the_power_at_frequency_zero():
     """An exponential correlation time of 5 s at unit variance adds 2 x 5 s at 1-s steps."""
     rng = np.random.default_rng(2)
-    series = np.stack(
-        [rng.normal(size=TIME.size) + drifting(rng, 5.0, 1.0) for _ in range(60)]
-    )
+    series = np.stack([rng.normal(size=TIME.size) + drifting(rng, 5.0, 1.0) for _ in range(60)])
     excess = long_run_excess(series, np.ones(series.shape), TIME, 60.0)
     assert np.mean(excess) == pytest.approx(10.0, rel=0.25)
 

@@ -15,16 +15,12 @@ SLOW = {
 }  # fmt: skip
 """A passage of four seconds, as long frames have it."""
 
-LEVELS = {
-    "status": "level-only", "speed_mps": float("nan"), "speed_std_mps": float("nan"),
-}  # fmt: skip
+LEVELS = {"status": "level-only", "speed_mps": float("nan"), "speed_std_mps": float("nan")}
 
 
 def won(first, *others, highest=0):
     """Return the rows of two tables after they have competed, and what was refused."""
-    table = compete(
-        encounters_of(*first), [encounters_of(*rows) for rows in others], highest
-    )
+    table = compete(encounters_of(*first), [encounters_of(*rows) for rows in others], highest)
     rows = zip(table.contact, table.speed_mps, table.range_over_speed_s, strict=True)
     return [tuple(map(float, row)) for row in rows], table.refusals()
 
@@ -52,9 +48,7 @@ def test_a_sharper_row_that_agrees_wins_and_can_take_the_contact():
 
 
 @pytest.mark.parametrize(("late_s", "told_s"), [(0.35, 100.0), (0.45, 100.45)])
-def test_a_row_with_levels_stays_beside_a_sharper_one_within_its_deviations(
-    late_s, told_s
-):
+def test_a_row_with_levels_stays_beside_a_sharper_one_within_its_deviations(late_s, told_s):
     sharper = SLOW | {"time_s": 100.0 + late_s, "range_over_speed_std_s": 0.1}
     table = compete(encounters_of(SLOW), [encounters_of(sharper)], keeps_first=True)
     assert table.time_s.tolist() == [told_s]
@@ -112,8 +106,7 @@ def test_what_lost_is_refused_for_the_time_it_claimed():
 
 
 def test_three_tables_give_one_row_and_the_order_does_not_matter():
-    best = SLOW | {"probability": 0.95, "speed_mps": 30.0,
-                   "range_over_speed_s": 0.5}  # fmt: skip
+    best = SLOW | {"probability": 0.95, "speed_mps": 30.0, "range_over_speed_s": 0.5}
     middle = SLOW | {"probability": 0.8, "speed_mps": 15.0}
     for others in ([best], [middle]), ([middle], [best]):
         rows, _ = won([SLOW], *others)

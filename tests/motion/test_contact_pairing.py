@@ -16,9 +16,7 @@ from uwtrack_cli.motion.target_motion.modes import TmaOptions
 from uwtrack_cli.motion.tma import estimate_motion
 
 OPTIONS = TmaOptions(
-    nuisances=NuisanceDeviations(sound_speed_mps=15.0),
-    sound_speed_mps=1500.0,
-    is_table=True,
+    nuisances=NuisanceDeviations(sound_speed_mps=15.0), sound_speed_mps=1500.0, is_table=True
 )
 
 
@@ -85,9 +83,7 @@ def test_two_contacts_that_say_the_same_share_a_pairing_evenly():
     twin = replace(twin, contact=np.full(twin.time_s.size, number % 9 + 1))
     both = type(series).join([series, twin])
     _, pairings = pair_contacts(both, OPTIONS, "own")
-    (target,) = (
-        n for n in np.unique(pairings.contact) if " " in pairings.members(int(n))[0]
-    )
+    (target,) = (n for n in np.unique(pairings.contact) if " " in pairings.members(int(n))[0])
     shares = pairings.share[(pairings.contact == target) & (pairings.sensor == "b0")]
     np.testing.assert_allclose(shares, [0.5, 0.5], atol=0.01)
 
@@ -117,10 +113,7 @@ def test_boats_far_apart_are_not_joined():
 def test_results_say_what_was_joined():
     series, boat_of, _ = scene(4100, boats=1, rows=20, miss=0.0)
     members = " ".join(sorted(f"{s}/{n}" for s, n in boat_of))
-    for found in (
-        locate_vessels(series=series, at=["600"]),
-        estimate_motion(series, updates=1),
-    ):
+    for found in (locate_vessels(series=series, at=["600"]), estimate_motion(series, updates=1)):
         assert found.sensor_contacts.tolist() == [members]
         assert found.pairing_probability[0] > 0.95
         assert members in found.statement
@@ -165,8 +158,7 @@ def test_directions_of_several_arrays_are_located_together():
     assert off @ np.linalg.solve(found.covariance_m2[0], off) < 5.99
     with pytest.raises(DataError, match="one side of its plane"):
         locate_vessels(
-            sensors=sensors,
-            directions=[replace(heard[0], ambiguity="plane"), *heard[1:]],
+            sensors=sensors, directions=[replace(heard[0], ambiguity="plane"), *heard[1:]]
         )
 
 

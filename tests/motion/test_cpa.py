@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from tests.draws.passage_truth import Scene
-from tests.motion.passing_vessel import (
-    frames_of,
-    levels_of_scene,
-    lines_of_scenes,
-)
+from tests.motion.passing_vessel import frames_of, levels_of_scene, lines_of_scenes
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
@@ -43,9 +39,7 @@ def test_lines_and_levels_give_the_whole_passage():
     turn = -1  # the other side is that of the mirrored track
     scene = replace(SCENE, turn=turn)
     rng = np.random.default_rng(1)
-    found = find_encounters(
-        lines_of_scenes([scene], rng), levels_of_scene(scene, rng), DIFAR
-    )
+    found = find_encounters(lines_of_scenes([scene], rng), levels_of_scene(scene, rng), DIFAR)
     assert found.status.tolist() == ["ok"]
     assert np.all(np.abs(deviations(found, 0, scene)) < 3.5)
     assert found.side[0] == ("starboard" if turn > 0 else "port")
@@ -70,9 +64,7 @@ def test_a_mono_recording_gives_speed_and_range_but_no_course():
     assert found.side[0] == ""
     assert np.isnan(found.course_deg[0])
     assert reasons(found)["course_deg"] == "no bearing channel"
-    assert reasons(found)["horizontal_range_m"] == (
-        "the depth of the sensor is not known"
-    )
+    assert reasons(found)["horizontal_range_m"] == ("the depth of the sensor is not known")
     # a sensor that has bearings is not said to have none
     difar = Sensor(id="h1", kind="difar", channels="omni,east,north")
     told = reasons(find_encounters(lines, None, difar))["course_deg"]
@@ -152,9 +144,7 @@ def test_lines_that_a_tracker_split_into_contacts_are_one_vessel():
 
 
 def test_a_later_start_shifts_times_only():
-    one = find_encounters(
-        lines_of_scenes([SCENE], np.random.default_rng(8)), sensor=DIFAR
-    )
+    one = find_encounters(lines_of_scenes([SCENE], np.random.default_rng(8)), sensor=DIFAR)
     frames = frames_of(600.0)
     moved = replace(frames, time_s=np.asarray(frames.time_s) + 1000.0)
     scene = replace(SCENE, closest_s=1300.0)
@@ -188,9 +178,7 @@ def test_a_gain_moves_levels_only():
 def test_received_and_source_level_are_those_of_the_vessel():
     rng = np.random.default_rng(11)
     found = find_encounters(
-        lines_of_scenes([SCENE], rng),
-        levels_of_scene(SCENE, rng, level_db=120.0),
-        DIFAR,
+        lines_of_scenes([SCENE], rng), levels_of_scene(SCENE, rng, level_db=120.0), DIFAR
     )
     error = found.received_level_db[0] - 120.0
     assert abs(error) < 3.5 * found.received_level_std_db[0]
@@ -271,9 +259,7 @@ def test_options_out_of_range_are_refused(option, value):
 
 
 def test_frames_that_blur_a_fast_passage_are_pointed_out():
-    scene = Scene(
-        speed_mps=30.0, range_m=40.0, rest_hz=(900.0,), length_s=60.0, closest_s=30.0
-    )
+    scene = Scene(speed_mps=30.0, range_m=40.0, rest_hz=(900.0,), length_s=60.0, closest_s=30.0)
     lines = lines_of_scenes([scene], np.random.default_rng(16))
     with pytest.warns(UwtrackWarning, match="too long: they blur"):
         found = find_encounters(lines, None, Sensor(id="h1"))
@@ -282,14 +268,11 @@ def test_frames_that_blur_a_fast_passage_are_pointed_out():
 
 @pytest.mark.slow
 def test_frames_advised_for_a_slow_distant_passage_are_at_most_eight_seconds():
-    scene = Scene(
-        speed_mps=2.6, range_m=900.0, rest_hz=(63.0,), length_s=1800.0, closest_s=900.0
-    )
+    scene = Scene(speed_mps=2.6, range_m=900.0, rest_hz=(63.0,), length_s=1800.0, closest_s=900.0)
     quarter = frames_of(1800.0)
     quarter = replace(
-        quarter, window_samples=quarter.window_samples // 4,
-        hop_samples=quarter.hop_samples // 4,
-    )  # fmt: skip
+        quarter, window_samples=quarter.window_samples // 4, hop_samples=quarter.hop_samples // 4
+    )
     rng = np.random.default_rng(19)
     with pytest.warns(UwtrackWarning, match="too short: .* window_s = 8 would suit"):
         find_encounters(lines_of_scenes([scene], rng, frames=quarter), sensor=DIFAR)
@@ -300,10 +283,7 @@ def test_frames_advised_for_a_slow_distant_passage_are_at_most_eight_seconds():
 
 @pytest.mark.slow
 def test_what_is_left_of_another_vessels_pull_widens_the_course():
-    other = Scene(
-        speed_mps=4.0, range_m=180.0, rest_hz=(81.0,), closest_s=310.0,
-        bearing_deg=200.0,
-    )  # fmt: skip
+    other = Scene(speed_mps=4.0, range_m=180.0, rest_hz=(81.0,), closest_s=310.0, bearing_deg=200.0)
     rng = np.random.default_rng(17)
     alone = find_encounters(lines_of_scenes([SCENE], rng), sensor=DIFAR)
     rng = np.random.default_rng(17)
@@ -323,9 +303,7 @@ def test_measurements_that_say_nothing_give_no_encounter():
         find_encounters(empty),
         find_encounters(lines.take("point", slice(0, 6))),
         find_encounters(None, replace(levels, excess_db=silent, bearing_deg=silent)),
-        find_encounters(
-            None, replace(levels, excess_db=silent * 0, bearing_deg=silent)
-        ),
+        find_encounters(None, replace(levels, excess_db=silent * 0, bearing_deg=silent)),
     ):
         assert found.n_encounters == 0
 
@@ -364,18 +342,14 @@ def test_a_contact_whose_fit_fails_is_refused_with_its_reason_and_the_others_tol
         frequency = law[:n] + 50.0 * (contact - 1) + 0.03 * noise[0, :n]
         std = np.where(is_sure, 1e-12, 0.03)
         parts.append((np.full(n, contact), time_s[:n], frequency, std))
-    contact, time_s, frequency_hz, std_hz = map(
-        np.concatenate, zip(*parts, strict=True)
-    )
+    contact, time_s, frequency_hz, std_hz = map(np.concatenate, zip(*parts, strict=True))
     nothing = np.full(time_s.size, np.nan)
     series = Series(
         contact=contact, time_s=time_s, frequency_hz=frequency_hz[:, None],
         frequency_std_hz=std_hz[:, None], bearing_deg=nothing, bearing_std_deg=nothing,
         level_db=nothing, level_std_db=nothing,
     )  # fmt: skip
-    with pytest.warns(
-        UwtrackWarning, match=r"\(0 to 236 s\) is reported as no passage"
-    ):
+    with pytest.warns(UwtrackWarning, match=r"\(0 to 236 s\) is reported as no passage"):
         found = find_encounters(series=series)
     assert found.contact.tolist()[0] == 1
     assert abs(found.speed_mps[0] - 6.0) < 3.5 * found.speed_std_mps[0]

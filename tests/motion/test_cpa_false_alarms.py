@@ -3,14 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.motion.false_alarms import (
-    DIFAR,
-    STATED,
-    claims,
-    hump_claims,
-    interval,
-    still_recording,
-)
+from tests.motion.false_alarms import DIFAR, STATED, claims, hump_claims, interval, still_recording
 
 
 def noise_counts(runs, seed):
@@ -38,8 +31,7 @@ def test_the_false_alarm_rate_is_not_above_the_stated_one():
 @pytest.mark.slow
 def test_a_hump_is_found_at_the_threshold_that_noise_does_not_reach():
     shares = {
-        ratio: np.mean([hump_claims(k, ratio, (1e-3,)) for k in range(6)])
-        for ratio in (-12.0, 3.0)
+        ratio: np.mean([hump_claims(k, ratio, (1e-3,)) for k in range(6)]) for ratio in (-12.0, 3.0)
     }
     assert shares[-12.0] <= 0.2
     assert shares[3.0] >= 0.9

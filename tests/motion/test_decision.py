@@ -44,9 +44,7 @@ def test_what_speaks_against_a_passage_lowers_its_probability(name, values):
 
 def test_no_explanation_counts_for_more_than_its_limit():
     worst = decide(SURE | {"relative_width_std": 1e6})
-    assert dict(worst.nepers)["too-little-recorded"] == pytest.approx(
-        -1.11 * MOST_NEPERS
-    )
+    assert dict(worst.nepers)["too-little-recorded"] == pytest.approx(-1.11 * MOST_NEPERS)
     assert worst.alternative == "too-little-recorded"
     assert 0.0 < worst.probability < 0.5
     assert worst.probability + worst.alternative_probability <= 1.0
@@ -66,9 +64,7 @@ def test_the_order_of_the_table_changes_nothing(monkeypatch):
     doubtful = SURE | {"line_level": -3.0, "stationary_share": 0.6}
     told = decide(doubtful)
     shuffled = tuple(np.random.default_rng(1).permutation(np.arange(len(ALTERNATIVES))))
-    monkeypatch.setattr(
-        decision, "ALTERNATIVES", tuple(ALTERNATIVES[k] for k in shuffled)
-    )
+    monkeypatch.setattr(decision, "ALTERNATIVES", tuple(ALTERNATIVES[k] for k in shuffled))
     again = decide(doubtful)
     assert again.probability == pytest.approx(told.probability, rel=1e-12)
     assert again.alternative == told.alternative
@@ -84,9 +80,7 @@ def test_a_new_explanation_is_one_function_and_one_line(monkeypatch):
     monkeypatch.setattr(decision, "REASONS", with_shower)
     more = (*ALTERNATIVES, Alternative("drifting-shower", drifting_shower, 1.0))
     monkeypatch.setattr(decision, "ALTERNATIVES", more)
-    assert (
-        decide(SURE).probability == decide(SURE | {"sub_bands_lag_s": 0.0}).probability
-    )
+    assert decide(SURE).probability == decide(SURE | {"sub_bands_lag_s": 0.0}).probability
     told = decide(SURE | {"sub_bands_lag_s": 3.5})
     assert told.alternative == "drifting-shower"
     assert told.probability < 0.5

@@ -89,9 +89,7 @@ def test_a_contact_with_lines_has_the_source_beside_them():
     time_s = np.asarray(levels.frames.time_s)
     truth = levels_of_scene(scene, np.random.default_rng(5)).bearing_deg
     other = np.full(time_s.size, scene.bearing_deg + 120.0)
-    loud = np.where(
-        np.abs(time_s - scene.closest_s) < 20.0, [[2.0], [1.0]], [[1.0], [2.0]]
-    )
+    loud = np.where(np.abs(time_s - scene.closest_s) < 20.0, [[2.0], [1.0]], [[1.0], [2.0]])
     found, _ = directions_of(time_s, [truth, other], loud, rng, std_deg=1.0)
     passages = find_encounters(lines, levels, DIFAR, directions=found)
     assert passages.status.tolist() == ["ok"]

@@ -68,10 +68,7 @@ def test_deviations_of_the_course_are_those_of_its_errors():
         course = found.course
         known = np.isfinite(course.shift) & (np.abs(course.time_s - 4.0) < 1.0)
         assert np.count_nonzero(known) > 10
-        truth = np.interp(
-            course.time_s, TIME,
-            np.log(received(SCENE, TIME, true_motion(SCENE))[0]),
-        )  # fmt: skip
+        truth = np.interp(course.time_s, TIME, np.log(received(SCENE, TIME, true_motion(SCENE))[0]))
         off = (course.shift - truth)[known]
         ratios += ((off - off.mean()) / course.shift_std[known]).tolist()
     # the logarithm of a clear tone scatters less than that of noise: too wide, never narrow

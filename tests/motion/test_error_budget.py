@@ -13,21 +13,15 @@ from uwtrack_cli.motion.target_motion.error_budget import looks_white, markov_co
 from uwtrack_cli.motion.tma import estimate_motion
 
 EXACT = Nuisances(0.0, 0.0, 0.0, 0.0)
-PAPER = {
-    "sound_speed_mps": 1480.0, "updates": 1, "model": MotionModel(doppler="interval"),
-}  # fmt: skip
+PAPER = {"sound_speed_mps": 1480.0, "updates": 1, "model": MotionModel(doppler="interval")}
 
 
 def analyse(nuisances, name="S1-T1"):
-    return estimate_motion(
-        heard(name), None, own_ship(name), nuisances=nuisances, **PAPER
-    )
+    return estimate_motion(heard(name), None, own_ship(name), nuisances=nuisances, **PAPER)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "kind", [pytest.param("AR(1) 0.9", marks=pytest.mark.long), "all"]
-)
+@pytest.mark.parametrize("kind", [pytest.param("AR(1) 0.9", marks=pytest.mark.long), "all"])
 def test_intervals_hold_when_the_truth_is_drawn_from_what_is_told(kind):
     """Errors of 14 drawn records; coverage of many is in tests/acceptance."""
     scores = [score("S1-T1", kind, seed) for seed in range(1, 15)]
@@ -101,7 +95,5 @@ def test_white_noise_looks_white_and_coloured_noise_does_not():
 
 @pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])
 def test_a_deviation_that_cannot_be_is_refused(value):
-    with pytest.raises(
-        OptionError, match=r"compass_std_deg must be a (finite )?number"
-    ):
+    with pytest.raises(OptionError, match=r"compass_std_deg must be a (finite )?number"):
         Nuisances(compass_std_deg=value)

@@ -88,9 +88,7 @@ def test_a_row_is_explained_by_the_path_of_its_line(row, made, own_hz, is_kept):
         (FAST | {"sensor": "h2"}, [589.0, 642.0], SLOW, True),
     ],
 )
-def test_a_row_is_explained_by_what_is_better_known_and_of_more_lines(
-    fast, fast_hz, slow, is_kept
-):
+def test_a_row_is_explained_by_what_is_better_known_and_of_more_lines(fast, fast_hz, slow, is_kept):
     """Two pieces of the fast vessel's line, on its way out."""
     known = table_of(fast, fast_hz, list(range(6, 6 + len(fast_hz))))
     table = table_of(slow, [584.0, 584.0], [1, 1])

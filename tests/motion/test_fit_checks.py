@@ -55,7 +55,7 @@ def test_a_level_that_stays_speaks_against_bearings_that_turn(share):
         lines,
         measured_frequency_hz=120.0 + 0.003 * np.random.default_rng(4).normal(size=lines.line.size),
         measured_level_db=mean + share * (lines.measured_level_db - mean),
-    )  # fmt: skip
+    )
     found = find_encounters(steady, None, DIFAR)
     of_levels = dict(candidate_of(steady).decision.nepers)["line-levels"]
     assert (of_levels > 1.0) is (share > 0.5)

@@ -16,9 +16,7 @@ C = 1500.0
 
 def straight(place, velocity, *, start_s=0.0, stop_s=600.0, **facts):
     time = np.array([start_s, stop_s])
-    east, north = (
-        np.array(place)[:, None] + np.array(velocity)[:, None] * time
-    ).tolist()
+    east, north = (np.array(place)[:, None] + np.array(velocity)[:, None] * time).tolist()
     return Navigation(
         time_s=time, east_m=east, north_m=north, heading_deg=np.full(2, np.nan), **facts
     )
@@ -49,8 +47,7 @@ def test_sound_is_heard_as_the_arrivals_of_its_periods_say():
 
 
 def test_clocks_and_grids_are_brought_together_or_refused():
-    own = straight([0, 0], [0, 0], origin_latitude=50.0, origin_longitude=1.0,
-                   start_utc_ns=10**18)  # fmt: skip
+    own = straight([0, 0], [0, 0], origin_latitude=50.0, origin_longitude=1.0, start_utc_ns=10**18)
     target = straight([0, 0], [0, 0], origin_latitude=50.01, origin_longitude=1.0,
                       start_utc_ns=10**18 + 100 * 10**9)  # fmt: skip
     found = forecast_contact(own, target, every_s=100.0)
@@ -60,9 +57,7 @@ def test_clocks_and_grids_are_brought_together_or_refused():
     with pytest.raises(DataError, match="latitudes and longitudes and the other"):
         forecast_contact(own, straight([0, 0], [0, 0], start_utc_ns=10**18))
     with pytest.raises(DataError, match="UTC times and the other none"):
-        forecast_contact(
-            straight([0, 0], [0, 0], start_utc_ns=1), straight([9, 9], [0, 0])
-        )
+        forecast_contact(straight([0, 0], [0, 0], start_utc_ns=1), straight([9, 9], [0, 0]))
     late = straight([9, 9], [0, 0], start_s=700.0, stop_s=900.0)
     with pytest.raises(DataError, match="share no time"):
         forecast_contact(straight([0, 0], [0, 0]), late)
@@ -72,9 +67,7 @@ NAV = "time_s,east_m,north_m\n0,{0},0\n600,{0},600\n"
 
 
 def test_the_command_writes_a_table_that_tma_reads(uwtrack, tmp_path):
-    (tmp_path / "own.csv").write_text(
-        "time_s,east_m,north_m\n0,0,0\n300,0,1500\n600,900,2700\n"
-    )
+    (tmp_path / "own.csv").write_text("time_s,east_m,north_m\n0,0,0\n300,0,1500\n600,900,2700\n")
     (tmp_path / "target.csv").write_text(NAV.format(3000))
     words = ["forecast", "own.csv", "target.csv", "--rest-frequency-hz", 150]
     done = uwtrack(*words, "-o", "heard.csv", "--json")
@@ -122,9 +115,7 @@ def test_the_tracks_of_a_real_file_give_the_ranges_of_its_cuts(uwtrack):
         words = line.split()
         at = ":".join([words[2][:2], words[2][2:4], words[2][4:6]])
         off.append(rows[at]["range_m"] / 0.9144 / float(words[7]) - 1.0)
-        turned.append(
-            (rows[at]["bearing_deg"] - float(words[6]) + 180.0) % 360.0 - 180.0
-        )
+        turned.append((rows[at]["bearing_deg"] - float(words[6]) + 180.0) % 360.0 - 180.0)
     assert np.median(np.abs(off)) < 0.02
     assert np.median(np.abs(turned)) < 1.0
     unnamed = uwtrack("forecast", tracks, tracks)

@@ -13,11 +13,7 @@ from tests.draws.fringe_sounds import draw_power, fringes_of, scene
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.association import PassageReport
 from uwtrack_cli.motion.cpa import find_encounters
-from uwtrack_cli.motion.evidence.fringes import (
-    FringeEvidence,
-    evidence_of_levels,
-    fringe_passages,
-)
+from uwtrack_cli.motion.evidence.fringes import FringeEvidence, evidence_of_levels, fringe_passages
 
 
 @pytest.fixture(scope="module", params=[True, False], ids=["deep", "shallow"])
@@ -73,9 +69,7 @@ def test_a_line_of_the_vessel_hides_nothing_of_its_fringes():
     # 30 dB in 1 Hz, in the three bins of a window's line, at the edge of the band
     level = 1000.0 / (1.0 + ((time_s - ship.time_s) / width_s) ** 2)
     near = np.flatnonzero(np.abs(frequency - 104.0) < 3.0)
-    power[:, near] += (
-        level[:, None] * power[:, near].mean(axis=0) * [0.1, 0.3, 0.1]
-    )  # fmt: skip
+    power[:, near] += level[:, None] * power[:, near].mean(axis=0) * [0.1, 0.3, 0.1]
     (one,) = fringe_passages(fringes_of(frequency, power), MACH)
     assert abs(one.passage.width_s / width_s - 1.0) < 0.05
 
@@ -130,9 +124,7 @@ def test_the_delay_of_the_surface_image_is_that_of_the_two_ways(evident):
     (one,) = fringe_passages(fringes, MACH)
     mirror = one.mirror
     assert mirror.is_evident
-    near, far = (
-        np.hypot(ship.flat_m, sensor.depth_m + k * ship.depth_m) for k in (-1.0, 1.0)
-    )
+    near, far = (np.hypot(ship.flat_m, sensor.depth_m + k * ship.depth_m) for k in (-1.0, 1.0))
     off = mirror.delay_s / ((far - near) / 1500.0) - 1.0
     assert abs(off) < 2.0 * mirror.share < 0.1
 

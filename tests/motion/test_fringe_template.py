@@ -7,11 +7,7 @@ from scipy.stats import multivariate_normal
 
 from uwtrack_cli.motion.evidence.fringe_lines import course_share
 from uwtrack_cli.motion.evidence.fringe_panel import ANY_BEND, Panel
-from uwtrack_cli.motion.evidence.fringe_template import (
-    FringeModel,
-    Hypothesis,
-    Template,
-)
+from uwtrack_cli.motion.evidence.fringe_template import FringeModel, Hypothesis, Template
 from uwtrack_cli.motion.evidence.fringes import likeliest_still
 
 ROWS, CELLS = 9, 24

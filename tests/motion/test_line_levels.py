@@ -14,11 +14,7 @@ from uwtrack_cli.motion.passage.fit import line_levels
 from uwtrack_cli.motion.passage.fit.estimator import fit_with_line_levels
 from uwtrack_cli.motion.passage.fit.line_levels import REFLECTIONS, SurfaceImage
 from uwtrack_cli.motion.passage.fit.nuisances import nuisance_priors
-from uwtrack_cli.motion.passage.model.measurements import (
-    condense,
-    contact_data,
-    make_blocks,
-)
+from uwtrack_cli.motion.passage.model.measurements import condense, contact_data, make_blocks
 from uwtrack_cli.motion.passage.readings.competing_readings import read_passage
 
 SOURCE_M, SENSOR_M = 3.0, 22.0
@@ -51,9 +47,7 @@ def test_levels_are_those_of_two_sources_whose_depths_are_known():
     level = exact.laws(np.log(slant))[0]
     for case, reflection in enumerate(REFLECTIONS):
         for line, number in enumerate(WAVE_NUMBER):
-            heard = transmission(
-                flat, (SOURCE_M, SENSOR_M), number, reflection, 0.0, 50.0
-            )
+            heard = transmission(flat, (SOURCE_M, SENSOR_M), number, reflection, 0.0, 50.0)
             due = 2 * np.log(np.abs(heard))
             np.testing.assert_allclose(level[case, line], due, atol=1e-6)
 
@@ -118,16 +112,10 @@ def test_levels_narrow_a_passage():
 
 def test_levels_of_another_law_lose_their_weight():
     lines = with_coarse_frequencies(SCENE)
-    one = candidate_of(
-        replace(lines, measured_level_db=np.roll(lines.measured_level_db, 60))
-    )
+    one = candidate_of(replace(lines, measured_level_db=np.roll(lines.measured_level_db, 60)))
     both = fit_with_line_levels(one.fit, one.blocks)
     moved = abs(both.theta[0, :3] - one.fit.theta[0, :3])
-    own = np.sqrt(np.diag(one.fit.full_covariance[0])[:3]) / [
-        1,
-        one.fit.range_over_speed_s[0],
-        1,
-    ]
+    own = np.sqrt(np.diag(one.fit.full_covariance[0])[:3]) / [1, one.fit.range_over_speed_s[0], 1]
     assert np.all(moved < 0.6 * own)
 
 

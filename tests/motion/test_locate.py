@@ -24,9 +24,7 @@ DEVIATIONS = np.array([0.1, 0.3, 0.02, 0.4])
 def sensor_at(name, along, off, **facts):
     """Sensor beside the track: ``off`` metres to starboard of it."""
     place = along * compass_unit(COURSE) + off * compass_unit(COURSE + 90)
-    facts = {
-        "east_m": place[0], "north_m": place[1], "kind": "difar", "clock_std_s": 0.0,
-    } | facts  # fmt: skip
+    facts = {"east_m": place[0], "north_m": place[1], "kind": "difar", "clock_std_s": 0.0} | facts
     return Sensor(id=name, **facts)
 
 
@@ -78,9 +76,7 @@ def truth_at(time_s):
 
 def test_one_sensor_with_doppler_predicts_the_track():
     sensor = sensor_at("h1", 600.0, 250.0)
-    fixes = locate_vessels(
-        [encounter_of(sensor, 600.0, 250.0)], [sensor], at=["0", "900"]
-    )
+    fixes = locate_vessels([encounter_of(sensor, 600.0, 250.0)], [sensor], at=["0", "900"])
     for row, time in enumerate((0.0, 900.0)):
         found = [fixes.east_m[row], fixes.north_m[row]]
         np.testing.assert_allclose(found, truth_at(time), atol=1e-6)
@@ -92,9 +88,7 @@ def test_the_covariance_grows_as_the_closed_form_says():
     """Along: sqrt(h^2 sv^2 + v^2 st^2 + d^2 sb^2); across: sqrt(sd^2 + (v h sb)^2)."""
     sensor = sensor_at("h1", 600.0, 250.0)
     lag = 1500.0
-    fixes = locate_vessels(
-        [encounter_of(sensor, 600.0, 250.0)], [sensor], at=[str(100.0 + lag)]
-    )
+    fixes = locate_vessels([encounter_of(sensor, 600.0, 250.0)], [sensor], at=[str(100.0 + lag)])
     time, width, speed, bearing = DEVIATIONS
     turn = np.deg2rad(bearing)
     reach_std = np.hypot(width * SPEED, speed * 250.0 / SPEED)
@@ -126,9 +120,7 @@ def test_sensors_without_doppler_are_exact_without_noise(places):
     ]
     fixes = locate_vessels(encounters, sensors, at=["1800"])
     assert fixes.sensors.tolist() == [",".join(names)]
-    np.testing.assert_allclose(
-        [fixes.east_m[0], fixes.north_m[0]], truth_at(1800.0), atol=1e-4
-    )
+    np.testing.assert_allclose([fixes.east_m[0], fixes.north_m[0]], truth_at(1800.0), atol=1e-4)
     assert fixes.speed_mps[0] == pytest.approx(SPEED, rel=1e-7)
 
 
@@ -142,9 +134,7 @@ def test_three_sensors_give_smaller_deviations_than_two():
     names = ("h1", "h2", "h3")
     along, off = (600.0, 1500.0, 2400.0), (150.0, -200.0, 90.0)
     sensors = [sensor_at(*item) for item in zip(names, along, off, strict=True)]
-    encounters = [
-        encounter_of(s, a, o) for s, a, o in zip(sensors, along, off, strict=True)
-    ]
+    encounters = [encounter_of(s, a, o) for s, a, o in zip(sensors, along, off, strict=True)]
     two = locate_vessels(encounters[:2], sensors[:2], at=["1000"])
     three = locate_vessels(encounters, sensors, at=["1000"])
     assert three.sensors.tolist() == ["h1,h2,h3"]
@@ -152,9 +142,7 @@ def test_three_sensors_give_smaller_deviations_than_two():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("position_std_m", "clock_std_s"), [(0.0, 0.0), (15.0, 0.0), (0.0, 2.0)]
-)
+@pytest.mark.parametrize(("position_std_m", "clock_std_s"), [(0.0, 0.0), (15.0, 0.0), (0.0, 2.0)])
 def test_fused_positions_hold_their_error_bars(position_std_m, clock_std_s):
     """On both sides, when places or clocks of the sensors are known roughly, too."""
     rng = np.random.default_rng(1)
@@ -233,9 +221,7 @@ def test_rival_pairings_are_listed_with_weights():
     sensors = [sensor_at("h1", 600.0, 150.0), sensor_at("h2", 1500.0, -300.0)]
     first = encounter_of(sensors[0], 600.0, 150.0)
     second = [
-        encounter_of(
-            sensors[1], 1500.0, -300.0, error=(error, 0, 0, 0), contact=contact
-        )
+        encounter_of(sensors[1], 1500.0, -300.0, error=(error, 0, 0, 0), contact=contact)
         for contact, error in ((1, 0.1), (2, -0.5))
     ]
     fixes = locate_vessels([first, *second], sensors, at=["1500"])
@@ -258,9 +244,7 @@ def test_sensors_with_latitude_and_longitude_give_such_positions():
         sensor_at(name, 0, 0, east_m=None, north_m=None, depth_m=None, **place)
         for name, place in zip(("h1", "h2"), places, strict=True)
     ]
-    encounters = [
-        encounter_of(sensors[0], 600.0, 150.0), encounter_of(sensors[1], 1500.0, -300.0)
-    ]  # fmt: skip
+    encounters = [encounter_of(sensors[0], 600.0, 150.0), encounter_of(sensors[1], 1500.0, -300.0)]
     fixes = locate_vessels(encounters, sensors, at=["1000"])
     expected = truth_at(1000.0)
     lat, lon = to_latitude_longitude(expected[:1], expected[1:], origin)
@@ -276,9 +260,7 @@ def test_a_mirrored_world_gives_mirrored_fixes():
         )  # fmt: skip
 
     sensors = [sensor_at("h1", 600.0, 150.0), sensor_at("h2", 1500.0, -300.0)]
-    encounters = [
-        encounter_of(sensors[0], 600.0, 150.0), encounter_of(sensors[1], 1500.0, -300.0)
-    ]  # fmt: skip
+    encounters = [encounter_of(sensors[0], 600.0, 150.0), encounter_of(sensors[1], 1500.0, -300.0)]
     one = locate_vessels(encounters, sensors, at=["700"])
     two = locate_vessels(
         [mirrored(item) for item in encounters],
@@ -299,9 +281,7 @@ def test_recordings_that_start_at_different_times_share_the_utc_clock():
     fixes = locate_vessels(encounters, sensors, at=["2023-11-14T22:30:00Z"])
     assert fixes.sensors.tolist() == ["h1,h2"]
     lag = (fixes.time_utc_ns[0] - start) / 1e9
-    np.testing.assert_allclose(
-        [fixes.east_m[0], fixes.north_m[0]], truth_at(lag), atol=1e-3
-    )
+    np.testing.assert_allclose([fixes.east_m[0], fixes.north_m[0]], truth_at(lag), atol=1e-3)
 
 
 def test_one_sensor_without_doppler_has_no_position_and_says_why():
@@ -346,9 +326,7 @@ def test_options_out_of_range_are_refused(options, match):
 
 def test_several_sensors_need_positions():
     sensors = [sensor_at("h1", 600.0, 150.0), Sensor(id="h2", kind="difar")]
-    encounters = [
-        encounter_of(sensors[0], 600.0, 150.0), encounter_of(sensors[1], 1500.0, -300.0)
-    ]  # fmt: skip
+    encounters = [encounter_of(sensors[0], 600.0, 150.0), encounter_of(sensors[1], 1500.0, -300.0)]
     with pytest.raises(DataError, match="positions of one kind"):
         locate_vessels(encounters, sensors)
 
@@ -399,8 +377,5 @@ def test_the_estimate_of_a_clock_error_holds_its_deviation():
 
 def test_exact_clocks_say_nothing():
     sensors = [sensor_at("h1", 600.0, 150.0), sensor_at("h2", 1500.0, -300.0)]
-    encounters = [
-        encounter_of(sensors[0], 600.0, 150.0),
-        encounter_of(sensors[1], 1500.0, -300.0),
-    ]
+    encounters = [encounter_of(sensors[0], 600.0, 150.0), encounter_of(sensors[1], 1500.0, -300.0)]
     assert locate_vessels(encounters, sensors).statement == ""

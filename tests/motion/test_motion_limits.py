@@ -19,12 +19,7 @@ from uwtrack_cli.estimation.robust import bisquare_weight
 from uwtrack_cli.motion.fix_table import fix_rows
 from uwtrack_cli.motion.options import MotionModel, Nuisances
 from uwtrack_cli.motion.passage import candidates
-from uwtrack_cli.motion.passage.broadband_sum import (
-    BroadbandSeries,
-    KnownSources,
-    SourceFit,
-    alone,
-)
+from uwtrack_cli.motion.passage.broadband_sum import BroadbandSeries, KnownSources, SourceFit, alone
 from uwtrack_cli.motion.passage.candidates import (
     LEAST_TURN_DEG,
     RecordingSpan,
@@ -32,16 +27,9 @@ from uwtrack_cli.motion.passage.candidates import (
 )
 from uwtrack_cli.motion.passage.checks import sub_bands, surface_image
 from uwtrack_cli.motion.passage.encounter_rows import _fit_levels
-from uwtrack_cli.motion.passage.fit.likelihood_ratio import (
-    LEVELS_SHARE,
-    LikelihoodRatio,
-)
+from uwtrack_cli.motion.passage.fit.likelihood_ratio import LEVELS_SHARE, LikelihoodRatio
 from uwtrack_cli.motion.passage.fit.residual_noise import _loss
-from uwtrack_cli.motion.passage.model.measurements import (
-    PassageData,
-    _averaged,
-    _deviation,
-)
+from uwtrack_cli.motion.passage.model.measurements import PassageData, _averaged, _deviation
 from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, with_steady_turn
 from uwtrack_cli.motion.target_motion import contact, joint_region, modes
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
@@ -93,12 +81,7 @@ SHARP = (0.1, 1.0, 0.1, 2.0)
         (fit_of(), (0.0, 200.0), SPAN, None),
         (fit_of(std=(np.inf, 1, 1, 1)), (0.0, 200.0), SPAN, "time and width"),
         (fit_of(), (0.0, 200.0), RecordingSpan(9.9, -100.0, 300.0), None),
-        (
-            fit_of(),
-            (0.0, 200.0),
-            RecordingSpan(10.1, -100.0, 300.0),
-            "shorter than the",
-        ),
+        (fit_of(), (0.0, 200.0), RecordingSpan(10.1, -100.0, 300.0), "shorter than the"),
         (fit_of(std=(9.9, 1, 1, 1)), (0.0, 200.0), SPAN, None),
         (fit_of(std=(10.1, 1, 1, 1)), (0.0, 200.0), SPAN, "too little"),
         (fit_of(std=(1, 3.3, 1, 1)), (0.0, 200.0), SPAN, None),
@@ -122,9 +105,7 @@ SHARP = (0.1, 1.0, 0.1, 2.0)
         (fit_of(time_s=49.0), (60.0, 142.0), SPAN, "far outside"),
     ],
 )
-def test_a_passage_is_measured_on_both_sides_and_longer_than_a_frame(
-    fit, extent, span, words
-):
+def test_a_passage_is_measured_on_both_sides_and_longer_than_a_frame(fit, extent, span, words):
     assert has_closest_approach(fit, blocks_of(*extent), span) is (words is None)
 
 
@@ -253,8 +234,7 @@ def test_a_reflection_is_found_between_the_delays_that_are_tried_first():
     for share in (0.6, -0.6):
         image = surface_image.Image((12 + share) * step_s, 0.0, -0.6)
         power = 1 + 30 * law * np.array([image.pattern(u, *pair) for pair in edges])
-        near = surface_image._beside(image._replace(delay_s=12 * step_s, strength=-0.8),
-                                     step_s)  # fmt: skip
+        near = surface_image._beside(image._replace(delay_s=12 * step_s, strength=-0.8), step_s)
         parts = power, power, np.ones((1, 120))
         found = surface_image._best(near, u, law, parts, edges)
         assert found.delay_s == pytest.approx(image.delay_s, abs=0.35 * step_s)
@@ -321,9 +301,7 @@ def test_a_global_search_and_the_simplex_count_what_they_ask(monkeypatch):
     near = np.array([[-5050.0, np.arctan2(3, 4) + np.pi, 5.05, np.arctan2(3, -4)]])
     for search, feedback in (("none", near), ("annealing", near)):
         asked.clear()
-        found = hybrid.hybrid_search(
-            None, box, 1, rng, search=search, feedback=feedback
-        )
+        found = hybrid.hybrid_search(None, box, 1, rng, search=search, feedback=feedback)
         ours = to_motion(hybrid.to_solver(found.point))[0]
         truth = [5000.0, np.arctan2(3, 4), 5.0, np.arctan2(3, -4)]
         np.testing.assert_allclose(ours, truth, rtol=1e-3)
@@ -379,9 +357,7 @@ def test_the_weakest_direction_is_a_deviation_along_it():
 
 
 def test_an_interval_widens_about_its_centre():
-    assert Interval(2.0, 7.0, True, False).widened(4.0, 2.0) == Interval(
-        0.0, 10.0, True, False
-    )
+    assert Interval(2.0, 7.0, True, False).widened(4.0, 2.0) == Interval(0.0, 10.0, True, False)
     assert Interval(2.0, 7.0, False, True).is_open
     assert not Interval(2.0, 7.0, False, False).is_open
 
@@ -410,9 +386,7 @@ def test_an_ellipse_holds_what_a_normal_likelihood_of_like_width_does(
 
 
 @pytest.mark.parametrize("empty", range(8))
-def test_levels_are_weighed_by_their_misfit_beside_either_of_the_other_kinds(
-    monkeypatch, empty
-):
+def test_levels_are_weighed_by_their_misfit_beside_either_of_the_other_kinds(monkeypatch, empty):
     monkeypatch.setattr(candidates, "level_misfit", lambda *_: 1e3)
     kinds = [SimpleNamespace(is_empty=bool(empty & bit)) for bit in (1, 2, 4)]
     blocks = SimpleNamespace(level=kinds[0], shift=kinds[1], bearing=kinds[2])
@@ -423,11 +397,7 @@ def test_levels_are_weighed_by_their_misfit_beside_either_of_the_other_kinds(
 @pytest.mark.parametrize("heading", [0.0, 2.0, -3.0])
 def test_motions_are_on_different_sides_of_the_first_heading(heading):
     problem = SimpleNamespace(array_heading_rad=np.array([heading, 0.4]))
-    for one, other, expected in (
-        (0.3, 1.2, False),
-        (0.3, -1.2, True),
-        (3.0, -3.0, True),
-    ):
+    for one, other, expected in ((0.3, 1.2, False), (0.3, -1.2, True), (3.0, -3.0, True)):
         q = np.zeros((2, 4))
         q[:, 1] = heading + np.array([one, other])
         fit = SimpleNamespace(q=q)
@@ -467,9 +437,8 @@ def test_the_heading_of_an_array_is_own_course_its_compass_or_the_fixed_one():
 
     def heading(kind, own, fixed=None):
         options = TmaOptions(
-            NuisanceDeviations(), 1500.0, is_table=True, array_heading=kind,
-            fixed_heading_deg=fixed,
-        )  # fmt: skip
+            NuisanceDeviations(), 1500.0, is_table=True, array_heading=kind, fixed_heading_deg=fixed
+        )
         found = contact._array_heading(own, at, 10.0, options)
         return found if found is None else np.degrees(found)
 
@@ -499,23 +468,16 @@ def test_an_array_lies_on_own_ships_way_behind_it():
     east = 4.0 * np.minimum(time, 300.0)
     north = 4.0 * np.maximum(time - 300.0, 0.0)
     path = OwnPath(time, east, north, np.full(time.size, np.nan))
-    bend = np.degrees(
-        bend_rad(path, np.array([250.0, 310.0, 340.0, 360.0, 500.0]), 200.0)
-    )
+    bend = np.degrees(bend_rad(path, np.array([250.0, 310.0, 340.0, 360.0, 500.0]), 200.0))
     np.testing.assert_allclose(bend, [0.0, 90.0, 90.0, 0.0, 0.0], atol=1e-6)
     assert not bend_rad(path, time, 0.0).any()
-    assert not bend_rad(
-        replace(path, east_m=0 * time, north_m=0 * time), time, 9.0
-    ).any()
+    assert not bend_rad(replace(path, east_m=0 * time, north_m=0 * time), time, 9.0).any()
 
 
 @pytest.mark.parametrize(
-    ("told_s", "window_s", "expected_s"),
-    [(3.0, 8.0, 3.0), (None, 8.0, 8.0), (None, None, 2.0)],
+    ("told_s", "window_s", "expected_s"), [(3.0, 8.0, 3.0), (None, 8.0, 8.0), (None, None, 2.0)]
 )
-def test_a_mean_frequency_is_one_over_what_is_told_a_frame_or_a_row(
-    told_s, window_s, expected_s
-):
+def test_a_mean_frequency_is_one_over_what_is_told_a_frame_or_a_row(told_s, window_s, expected_s):
     time, none = 2.0 * np.arange(40), np.full((0, 40), np.nan)
     still = np.zeros(40)
     own = Navigation(time_s=time, east_m=still, north_m=still, heading_deg=still)
@@ -541,12 +503,8 @@ def test_three_errors_stay_within_bounds_by_the_normal_distribution():
     for seed in range(4):
         root = np.random.default_rng(seed).standard_normal((3, 3))
         covariance, bounds = root @ root.T, np.array([1.0, 2.0, 0.7])
-        share = multivariate_normal(cov=covariance, seed=1).cdf(
-            bounds, lower_limit=-bounds
-        )
-        assert criterion_probability(covariance, bounds) == pytest.approx(
-            share, abs=1e-4
-        )
+        share = multivariate_normal(cov=covariance, seed=1).cdf(bounds, lower_limit=-bounds)
+        assert criterion_probability(covariance, bounds) == pytest.approx(share, abs=1e-4)
 
 
 def test_bits_of_a_search_reach_both_ends_of_the_box_and_go_round():
@@ -619,9 +577,7 @@ def test_a_profile_ends_where_a_parabola_has_risen_or_at_the_limit(
     excess = ((way.q[:, 0] - 3.0) / 0.7) ** 2
     np.testing.assert_allclose(way.value, excess, atol=1e-9)
     assert was_cut is is_open
-    assert end == pytest.approx(
-        3.0 + side * (room if is_open else 1.0) * reach, abs=1e-6
-    )
+    assert end == pytest.approx(3.0 + side * (room if is_open else 1.0) * reach, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -639,9 +595,7 @@ def test_an_ellipse_without_extent_or_sense_holds_nothing(covariance):
 
 @pytest.mark.parametrize(("off", "asks"), [(-0.01, False), (0.01, True)])
 @pytest.mark.parametrize("told", [0.0, 500.0])
-def test_others_are_sought_where_the_misfit_exceeds_five_deviations(
-    monkeypatch, off, asks, told
-):
+def test_others_are_sought_where_the_misfit_exceeds_five_deviations(monkeypatch, off, asks, told):
     """Beyond what own navigation, told to so many metres, does to the bearings."""
     problem = replace(SonarScene(1, "interval").problem(offsets=False), sensor=None)
     q = STATE[np.newaxis]
@@ -654,9 +608,7 @@ def test_others_are_sought_where_the_misfit_exceeds_five_deviations(
     bearing = np.sqrt(power * expected)[np.newaxis, np.newaxis]
     asked = []
     monkeypatch.setattr(contact, "_is_told", lambda *_: True)
-    monkeypatch.setattr(
-        contact, "residuals", lambda *_: replace(found, bearing=bearing)
-    )
+    monkeypatch.setattr(contact, "residuals", lambda *_: replace(found, bearing=bearing))
     monkeypatch.setattr(contact, "associate", lambda *_, is_told: asked.append(is_told))
     legs = SimpleNamespace(fit=SimpleNamespace(q=q), problem=problem, colours=NO_MEMORY)
     options = SimpleNamespace(nuisances=nuisances)
@@ -677,9 +629,7 @@ def test_fixes_have_the_deviations_of_speed_and_course():
     for row in range(2):
         steps = 1e-6 * np.eye(2)
         velocity = state[row, 2:]
-        slope = np.stack([
-            (motion(velocity + s) - motion(velocity - s)) / 2e-6 for s in steps
-        ], 1)  # fmt: skip
+        slope = np.stack([(motion(velocity + s) - motion(velocity - s)) / 2e-6 for s in steps], 1)
         std = np.sqrt(np.diag(slope @ covariance[row, 2:, 2:] @ slope.T))
         ours = found["speed_std_mps"][row], found["course_std_deg"][row]
         np.testing.assert_allclose(ours, std, rtol=1e-5)

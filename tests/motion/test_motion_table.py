@@ -25,9 +25,8 @@ def mode(name="speed", low=1.0, high=1.0, *, turns=0, cut=(False, False), holds=
         open_ends = cut if key == name else (False, False)
         spans[key] = Interval(at - below, at + above, *open_ends)
     return SimpleNamespace(
-        q=np.array(q), covariance=np.diag(np.square(std)), intervals=spans,
-        ellipse_holds=holds,
-    )  # fmt: skip
+        q=np.array(q), covariance=np.diag(np.square(std)), intervals=spans, ellipse_holds=holds
+    )
 
 
 @pytest.mark.parametrize("name", CENTRE)
@@ -38,9 +37,7 @@ def mode(name="speed", low=1.0, high=1.0, *, turns=0, cut=(False, False), holds=
         (1.3, 1.0, False), (1.0, 1.3, False), (0.7, 1.0, False), (1.0, 0.7, False),
     ],
 )  # fmt: skip
-def test_an_ellipse_is_trusted_where_it_is_as_wide_as_the_likelihood(
-    name, low, high, expected
-):
+def test_an_ellipse_is_trusted_where_it_is_as_wide_as_the_likelihood(name, low, high, expected):
     assert ellipse_agrees(mode(name, low, high)) is expected
 
 

@@ -14,9 +14,8 @@ from uwtrack_cli.motion.passage.moving_lines import lines_together
 
 SENSOR = Sensor(id="h1", depth_m=22.0)
 SCENE = Scene(
-    speed_mps=8.0, range_m=64.0, rest_hz=(41.0, 61.5, 82.0), closest_s=150.0,
-    length_s=300.0,
-)  # fmt: skip
+    speed_mps=8.0, range_m=64.0, rest_hz=(41.0, 61.5, 82.0), closest_s=150.0, length_s=300.0
+)
 NEAR_S, WANDER = 40.0, 2e-3
 
 
@@ -48,9 +47,7 @@ def test_lines_that_pass_for_seconds_are_found_in_what_wanders_for_minutes():
     assert found.status.tolist() == ["ok"]
     for name, truth in (("time", 150.0), ("range_over_speed", 8.0), ("speed", 8.0)):
         unit = "mps" if name == "speed" else "s"
-        value, std = (
-            getattr(found, f"{name}{part}_{unit}")[0] for part in ("", "_std")
-        )
+        value, std = (getattr(found, f"{name}{part}_{unit}")[0] for part in ("", "_std"))
         assert abs(value - truth) < 4 * std
     assert set(found.rest_line_id) == {1, 2, 3}
 

@@ -36,10 +36,9 @@ def received(time, ship):
     """Bearing (degrees) and frequency ratio by the exact retarded time."""
 
     def path(at):
-        own = np.stack([
-            np.interp(time, ship.time_s, ship.east_m),
-            np.interp(time, ship.time_s, ship.north_m),
-        ])  # fmt: skip
+        own = np.stack(
+            [np.interp(time, ship.time_s, ship.east_m), np.interp(time, ship.time_s, ship.north_m)]
+        )
         return vessel_at(at) - own
 
     emitted = time.copy()
@@ -50,10 +49,9 @@ def received(time, ship):
     def emission(at):
         guess = at.copy()
         for _ in range(30):
-            own = np.stack([
-                np.interp(at, ship.time_s, ship.east_m),
-                np.interp(at, ship.time_s, ship.north_m),
-            ])  # fmt: skip
+            own = np.stack(
+                [np.interp(at, ship.time_s, ship.east_m), np.interp(at, ship.time_s, ship.north_m)]
+            )
             guess = at - np.hypot(*(vessel_at(guess) - own)) / C_MPS
         return guess
 
@@ -100,8 +98,7 @@ def test_speed_course_and_position_are_those_over_ground(seed):
     fixes = locate_vessels([found], [sensor], at=[str(CLOSEST_S), "500"])
     for row, time in enumerate((CLOSEST_S, 500.0)):
         error = (
-            np.array([fixes.east_m[row], fixes.north_m[row]])
-            - vessel_at(np.array([time]))[:, 0]
+            np.array([fixes.east_m[row], fixes.north_m[row]]) - vessel_at(np.array([time]))[:, 0]
         )
         assert error @ np.linalg.solve(fixes.covariance_m2[row], error) < 16.0
         assert np.sqrt(np.trace(fixes.covariance_m2[row])) < 80.0

@@ -61,9 +61,7 @@ def test_the_sound_speed_scales_the_speed_and_its_share_is_stated():
     share = {item.name: item for item in row.nuisances}
     relative = sensor.sound_speed_std_mps / 1500.0 * row.values["speed_mps"]
     sound = share["sound_speed_mps"]
-    assert sound.share * row.values["speed_std_mps"] ** 2 == pytest.approx(
-        relative**2, rel=0.02
-    )
+    assert sound.share * row.values["speed_std_mps"] ** 2 == pytest.approx(relative**2, rel=0.02)
     assert sound.std == pytest.approx(7.5, rel=0.01)
     assert 0 < sum(item.share for item in row.nuisances) <= 1 + 1e-9
     assert share["compass_deg"].std == pytest.approx(2.0)

@@ -44,9 +44,7 @@ def passing():
 @pytest.mark.slow
 def test_lines_too_weak_to_be_followed_tell_time_width_and_speed():
     lines = machine()  # all that a tracker has
-    levels = levels_of_scene(
-        SCENE, np.random.default_rng(3), snr_db=-60.0, has_bearing=False
-    )
+    levels = levels_of_scene(SCENE, np.random.default_rng(3), snr_db=-60.0, has_bearing=False)
     found = find_encounters(
         lines, levels, Sensor(id="h1", depth_m=22.0), recording=heard(*passing()),
         source_depth_m=22.0,
@@ -69,10 +67,7 @@ def machine():
     count = np.asarray(frames.time_s).size
     one = np.ones(count)
     off_hz = 0.05 * np.random.default_rng(5).standard_normal(count)
-    columns = (
-        one.astype(int), 88.0 + off_hz, 0.05 * one, np.nan * one, np.nan * one,
-        60.0 * one,
-    )  # fmt: skip
+    columns = (one.astype(int), 88.0 + off_hz, 0.05 * one, np.nan * one, np.nan * one, 60.0 * one)
     return lines_of_columns(frames, columns, [1], status="steady")
 
 
@@ -81,12 +76,7 @@ LAG_S = TIME - SCENE.closest_s
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "ratio",
-    [
-        1.0 - 3e-4 * LAG_S,
-        2.0 - passing()[0],
-    ],
-    ids=["drifts", "climbs"],
+    "ratio", [1.0 - 3e-4 * LAG_S, 2.0 - passing()[0]], ids=["drifts", "climbs"]
 )
 def test_lines_that_rise_and_fall_by_another_movement_are_no_passage(ratio):
     assert own_time_passages(heard(ratio, passing()[1]), 1500.0) == []

@@ -6,10 +6,7 @@ import pytest
 from tests.draws.passage_truth import ROWS, Scene, bound, measure, true_motion
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.motion.passage.candidates import best_start
-from uwtrack_cli.motion.passage.fit.estimator import (
-    fit_passage,
-    fit_with_coloured_noise,
-)
+from uwtrack_cli.motion.passage.fit.estimator import fit_passage, fit_with_coloured_noise
 from uwtrack_cli.motion.passage.model.measurements import make_blocks
 
 NAMES = [
@@ -37,13 +34,7 @@ def medium(scene):
 
 def estimates(fit):
     return np.stack(
-        [
-            fit.theta[:, 0],
-            fit.range_over_speed_s,
-            fit.theta[:, 2],
-            fit.bearing_deg,
-        ],
-        axis=-1,
+        [fit.theta[:, 0], fit.range_over_speed_s, fit.theta[:, 2], fit.bearing_deg], axis=-1
     )
 
 
@@ -59,10 +50,7 @@ def run(scene, runs, seed):
     first = make_blocks(measure(scene, rng, 1))
     start, _ = best_start(first, medium(scene))
     return fit_passage(
-        blocks,
-        np.repeat(start.theta, runs, axis=0),
-        np.repeat(start.turn, runs),
-        medium(scene),
+        blocks, np.repeat(start.theta, runs, axis=0), np.repeat(start.turn, runs), medium(scene)
     )
 
 
@@ -81,10 +69,7 @@ def check_gates(scene, fit, most_ratio, coverage, bias):
     error = errors(scene, fit)
     error = np.column_stack([error, range_errors(scene, error)])
     variance = np.column_stack(
-        [
-            np.einsum("bii->bi", fit.covariance),
-            range_variance(scene, fit.covariance),
-        ]
+        [np.einsum("bii->bi", fit.covariance), range_variance(scene, fit.covariance)]
     )
     attainable = np.append(np.diag(limit), range_variance(scene, limit))
     root = np.sqrt((error**2).mean(axis=0))
@@ -95,21 +80,15 @@ def check_gates(scene, fit, most_ratio, coverage, bias):
     assert np.all((inside >= coverage[0]) & (inside <= coverage[1]))
     median = np.median(deviations, axis=0)
     assert np.all((median >= 0.4) & (median <= 1.0))
-    nees = np.einsum(
-        "bi,bij,bj->b", error[:, :4], np.linalg.inv(fit.covariance), error[:, :4]
-    )
+    nees = np.einsum("bi,bij,bj->b", error[:, :4], np.linalg.inv(fit.covariance), error[:, :4])
     scatter = np.sqrt(2 * 4 / nees.size)
     assert abs(nees.mean() - 4) <= 4 * scatter + 0.35
 
 
-@pytest.mark.parametrize(
-    ("scene", "published"), list(zip(ROWS, PUBLISHED, strict=True)), ids=NAMES
-)
+@pytest.mark.parametrize(("scene", "published"), list(zip(ROWS, PUBLISHED, strict=True)), ids=NAMES)
 def test_the_bound_is_near_the_published_one(scene, published):
     limit = bound(scene)
-    ours = np.sqrt(
-        [limit[2, 2], range_variance(scene, limit), limit[0, 0], limit[3, 3]]
-    )
+    ours = np.sqrt([limit[2, 2], range_variance(scene, limit), limit[0, 0], limit[3, 3]])
     np.testing.assert_allclose(ours, published, rtol=0.35)
 
 

@@ -5,10 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uwtrack_cli.motion.passage.model.law import (
-    passage_law,
-    slant_over_speed_s,
-)
+from uwtrack_cli.motion.passage.model.law import passage_law, slant_over_speed_s
 
 CASES = {
     "vessel": (1500.0, 6.0, 250.0, 19.0),
@@ -41,9 +38,7 @@ def test_emission_time_and_range_agree_with_newtons_method(name):
     flat = np.sqrt(slant**2 - height**2)
     np.testing.assert_allclose(1 + law.shift, ratio, rtol=1e-13)
     np.testing.assert_allclose(law.angle, np.arctan2(speed * emitted, flat), atol=1e-12)
-    np.testing.assert_allclose(
-        law.spread, 2 * np.log(slant / distance), rtol=0, atol=1e-11
-    )
+    np.testing.assert_allclose(law.spread, 2 * np.log(slant / distance), rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -69,11 +64,7 @@ def test_the_slant_range_is_never_below_the_depth_difference():
     np.testing.assert_allclose(slant, height, rtol=1e-9)
 
 
-@given(
-    mach=st.floats(1e-4, 0.3),
-    width=st.floats(0.1, 500.0),
-    rest=st.floats(20.0, 2000.0),
-)
+@given(mach=st.floats(1e-4, 0.3), width=st.floats(0.1, 500.0), rest=st.floats(20.0, 2000.0))
 @settings(max_examples=60, deadline=None)
 def test_corrected_equation_5_is_the_exact_law_relabelled(mach, width, rest):
     c = 1500.0

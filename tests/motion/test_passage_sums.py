@@ -24,11 +24,7 @@ from uwtrack_cli.motion.passage.model.measurements import PassageData, make_bloc
 from uwtrack_cli.motion.passage.model.unknowns import RAMP, STEP, TURN, Change
 from uwtrack_cli.motion.passage.readings import still_readings as still
 from uwtrack_cli.motion.passage.readings.change_priors import speed_prior
-from uwtrack_cli.motion.passage.readings.competing_readings import (
-    _cost,
-    _exchanged,
-    _mirrored,
-)
+from uwtrack_cli.motion.passage.readings.competing_readings import _cost, _exchanged, _mirrored
 
 SOUND_MPS = 1500.0
 
@@ -87,10 +83,10 @@ def test_the_gains_of_the_search_are_those_of_least_squares(passes):
             turned = np.abs((data.vector * np.exp(-1j * sign * np.arctan(x))).sum())
             assert ours == pytest.approx(turned - np.abs(data.vector.sum()), rel=1e-6)
         fits = [
-            quiet - least(ones, data.level - np.log(1 / (1 + x**2) + np.exp(f)),
-                          data.level_weight)[0]
+            quiet
+            - least(ones, data.level - np.log(1 / (1 + x**2) + np.exp(f)), data.level_weight)[0]
             for f in search.FLOORS
-        ]  # fmt: skip
+        ]
         assert level[k] == pytest.approx(max(fits), rel=1e-6)
         assert floor[k] == search.FLOORS[int(np.argmax(fits))]
 
@@ -138,8 +134,7 @@ def test_passages_beside_changes_are_those_of_least_squares_over_all_pairs(kind,
     assert found.sign[0] == sign[number]
     assert found.others[0] == others[cell]
     assert found.size[0] == pytest.approx(size, rel=1e-6)
-    flat = np.sqrt(max(grid.width[cell] ** 2 - (12.0 / speed) ** 2,
-                       (0.1 * grid.width[cell]) ** 2))  # fmt: skip
+    flat = np.sqrt(max(grid.width[cell] ** 2 - (12.0 / speed) ** 2, (0.1 * grid.width[cell]) ** 2))
     expected = [grid.time[cell], np.log(flat), speed, -6.0]
     np.testing.assert_allclose(found.theta[0], expected, rtol=1e-6)
 
@@ -166,9 +161,7 @@ def test_the_parts_cost_what_least_squares_leave_of_them():
             bell = 0.5 ** (((parts.time_s - place) / width) ** 2)
             total = 0.0
             for power, weight in zip(parts.power, parts.weight, strict=True):
-                left, found = least(
-                    np.column_stack([*parts.basis, bell]), power, weight
-                )
+                left, found = least(np.column_stack([*parts.basis, bell]), power, weight)
                 alone = least(parts.basis.T, power, weight)[0]
                 total += left if found[-1] > 0 else alone
             expected.append(total)
@@ -177,9 +170,7 @@ def test_the_parts_cost_what_least_squares_leave_of_them():
 
     def law_cost(by):
         at, log_width = best[0] + np.exp(best[1]) * by[0], best[1] + by[1]
-        columns = sub_bands._columns(
-            parts, sub_bands._law, np.array([at]), np.array([log_width])
-        )
+        columns = sub_bands._columns(parts, sub_bands._law, np.array([at]), np.array([log_width]))
         return float(sub_bands._costs(parts, columns)[0])
 
     assert cost == pytest.approx(law_cost((0.0, 0.0)))
@@ -245,14 +236,11 @@ def test_means_of_bins_scatter_by_what_their_weights_say(rho):
     kept = np.ones(3000, bool)
     kept[100:109] = False  # of the bin of ten, one frame is left
     less = parts._replace(
-        time_s=time[kept], power=power[:, kept], weight=parts.weight[:, kept],
-        basis=basis[:, kept],
-    )  # fmt: skip
+        time_s=time[kept], power=power[:, kept], weight=parts.weight[:, kept], basis=basis[:, kept]
+    )
     binned = sub_bands._binned(less, 20.0)
     assert binned.time_s.size == 299
-    np.testing.assert_allclose(
-        np.delete(binned.time_s, slice(9, 12))[:3], [2.25, 7.25, 12.25]
-    )
+    np.testing.assert_allclose(np.delete(binned.time_s, slice(9, 12))[:3], [2.25, 7.25, 12.25])
     np.testing.assert_allclose(binned.basis[1], binned.time_s)
     z = (binned.power - [[2.0], [5.0], [9.0], [1.0]]) * np.sqrt(binned.weight)
     # 1196 means, 4 % of a variance; neighbours count once, their own neighbours do not
@@ -269,13 +257,11 @@ def test_a_gain_for_all_is_what_two_ways_of_least_squares_leave():
     binned = sub_bands._binned(parts, rise.width_s)
     n_parts, n_bins = binned.power.shape
     weight = (binned.weight * binned.power**2).ravel()
-    columns = np.column_stack([
-        np.repeat(np.eye(n_parts), n_bins, axis=0), np.tile(np.eye(n_bins), (n_parts, 1))
-    ])  # fmt: skip
+    columns = np.column_stack(
+        [np.repeat(np.eye(n_parts), n_bins, axis=0), np.tile(np.eye(n_bins), (n_parts, 1))]
+    )
     cost = least(columns, np.log(binned.power).ravel(), weight)[0]
-    law = sub_bands._least(
-        binned, sub_bands._law, (30.0, np.log(rise.width_s)), rise.width_s
-    )[1]
+    law = sub_bands._least(binned, sub_bands._law, (30.0, np.log(rise.width_s)), rise.width_s)[1]
     # the law has place, width, and a height and a basis of two in each part; its
     # heights and the parts' own levels are as many
     more = n_bins - 1 - 2 * n_parts - 2
@@ -292,15 +278,11 @@ def test_partials_of_a_sum_of_sources_agree_with_central_differences():
     ones = np.ones(21)
     x = (time - 60.0) / 30.0
     by_spread, by_bearing = 0.1 * rng.standard_normal((2, 1, 21, 3))
-    known = KnownSources(
-        -np.log1p(x**2)[None], (0.5 - np.arctan(x))[None], by_spread, by_bearing
-    )
+    known = KnownSources(-np.log1p(x**2)[None], (0.5 - np.arctan(x))[None], by_spread, by_bearing)
     theta = np.array([[0.3, 1.2, 0.2, -0.1, 1.1, 0.4, -0.3, 0.2,
                        40.0, 2.5, 1.7, -0.8, 75.0, 2.0, 1.0, 2.2]])  # fmt: skip
     turn = np.array([[1.0, -1.0]])
-    sound = BroadbandSeries(
-        time, rng.normal(2, 1, 21), ones, rng.normal(0, 1, 21), ones
-    )
+    sound = BroadbandSeries(time, rng.normal(2, 1, 21), ones, rng.normal(0, 1, 21), ones)
     residual, slope = sum_residuals(theta, turn, sound, known)
     whole, intensity = np.exp(0.3), np.exp(0.3) * (0.2 - 0.1j)
     for row, way in ((theta[0, 8:12], 1.0), (theta[0, 12:], -1.0)):
@@ -312,9 +294,7 @@ def test_partials_of_a_sum_of_sources_agree_with_central_differences():
     steady = np.exp(1.1 + 1.2 * (by_spread[0] @ off)) / (1 + x**2) ** 1.2
     ahead = known.bearing[0] + by_bearing[0] @ off
     intensity = intensity + steady * np.exp(1j * ahead)
-    np.testing.assert_allclose(
-        residual[0, :21], sound.power - np.log(whole + steady), atol=1e-12
-    )
+    np.testing.assert_allclose(residual[0, :21], sound.power - np.log(whole + steady), atol=1e-12)
     turned = np.angle(np.exp(1j * (sound.bearing - np.angle(intensity))))
     np.testing.assert_allclose(residual[0, 21:], turned, atol=1e-12)
     for k, step in enumerate(1e-5 * np.eye(16)):
@@ -326,20 +306,12 @@ def test_partials_of_a_sum_of_sources_agree_with_central_differences():
     for row in range(3):
         middle = alone(fit, row, sound, known)
         louder = alone(
-            fit, row, BroadbandSeries(time, sound.power + 0.1, ones, sound.bearing, ones),
-            known,
-        )  # fmt: skip
-        np.testing.assert_allclose(
-            (louder.power - middle.power) / 0.1, middle.power_std
+            fit, row, BroadbandSeries(time, sound.power + 0.1, ones, sound.bearing, ones), known
         )
+        np.testing.assert_allclose((louder.power - middle.power) / 0.1, middle.power_std)
         model = np.angle(intensity)
         ends = [
-            alone(
-                fit,
-                row,
-                BroadbandSeries(time, sound.power, ones, model + s, ones),
-                known,
-            )
+            alone(fit, row, BroadbandSeries(time, sound.power, ones, model + s, ones), known)
             for s in (1e-3, 0.0)
         ]
         moved = np.angle(np.exp(1j * (ends[0].bearing - ends[1].bearing))) / 1e-3
@@ -366,9 +338,7 @@ def test_steps_gain_what_least_squares_say_by_all_and_by_what_is_near(reach):
         lines = np.repeat(np.eye(3), near.sum(), axis=0)
         step = np.tile((np.arange(40) >= place)[near], 3).astype(float)
         y, w = value[:, near].ravel(), precision[:, near].ravel()
-        expected.append(
-            least(lines, y, w)[0] - least(np.column_stack([lines, step]), y, w)[0]
-        )
+        expected.append(least(lines, y, w)[0] - least(np.column_stack([lines, step]), y, w)[0])
     np.testing.assert_allclose(gain, expected, rtol=1e-8)
     assert np.flatnonzero(late)[0] == steps.places[int(np.argmax(expected))]
     # of one line: the likeliest of all, taken out by its size
@@ -403,10 +373,7 @@ def test_ramps_gain_what_least_squares_say():
         np.maximum(sign * (time - at), 0.0)
         for sign in (1.0, -1.0) for at in np.linspace(*ends, still.N_RAMPS)
     ]  # fmt: skip
-    gains = [
-        resting - least(np.column_stack([constants, s]), value, weight)[0]
-        for s in shapes
-    ]
+    gains = [resting - least(np.column_stack([constants, s]), value, weight)[0] for s in shapes]
     np.testing.assert_allclose(gain, gains, rtol=1e-7)
     best = shapes[int(np.argmax(gains))]
     np.testing.assert_allclose(shape, best / np.ptp(time))
@@ -428,9 +395,7 @@ def test_a_motion_costs_its_prior_over_its_posterior():
     weight[..., :5] = 0.0
     used = time[5:]
     own = np.diag([4.0, 25.0, 0.5]) + 0.3
-    fit = SimpleNamespace(
-        range_over_speed_s=np.array([40.0]), covariance=np.pad(own, (0, 1))[None]
-    )
+    fit = SimpleNamespace(range_over_speed_s=np.array([40.0]), covariance=np.pad(own, (0, 1))[None])
     blocks = SimpleNamespace(
         weight=weight, time_s=time, shift=SimpleNamespace(is_empty=False),
         bearing=SimpleNamespace(is_empty=True),
@@ -486,9 +451,7 @@ def test_a_manoeuvre_told_from_its_other_leg_or_mirrored_has_the_same_ranges():
         (-1.2, 30.0, 330.0),
     ],
 )
-def test_a_turn_that_makes_the_closest_approach_the_farthest_place_is_none(
-    angle, duration, middle
-):
+def test_a_turn_that_makes_the_closest_approach_the_farthest_place_is_none(angle, duration, middle):
     theta = np.array([[CLOSEST_S, np.log(30.0), 6.0, -6.0, 0.0, angle, duration, 0.0]])
     time_s = CLOSEST_S + np.array([-4.0, 0.0, 4.0])
     x, y, _ = bent(time_s, 180.0, 0.0, 1e12, 6.0, (middle, duration, angle))
@@ -512,9 +475,7 @@ def test_a_foreseen_bearing_is_that_of_a_steady_walk_and_bayes():
     bayes = np.linalg.inv(np.linalg.inv(far.spread) + np.diag([1 / 2.5, 0.0]))
     with_one = far.with_bearing(12.0, 2.5, 12.0)
     np.testing.assert_allclose(with_one.spread, bayes)
-    mean = bayes @ (
-        np.linalg.solve(far.spread, [365.0, 3.0]) + np.array([372.0 / 2.5, 0.0])
-    )
+    mean = bayes @ (np.linalg.solve(far.spread, [365.0, 3.0]) + np.array([372.0 / 2.5, 0.0]))
     np.testing.assert_allclose([with_one.bearing_deg, with_one.rate_deg], mean)
     assert with_one.time_s == 12.0
 
@@ -542,15 +503,10 @@ def test_starts_by_frequencies_or_levels_turn_as_the_bearings_there_do(way):
     level, _ = search._level_gain(grid, coarse_data)
     turned = search._bearing_gain(grid, coarse_data)
     against = turned[1 if way > 0 else 0]
-    opposite = {
-        *search._best(grid, doppler + level + against, 2),
-        *search._best(grid, against, 2),
-    }
+    opposite = {*search._best(grid, doppler + level + against, 2), *search._best(grid, against, 2)}
     starts = {
         (time_s, round(log_width, 9), turn)
-        for (time_s, log_width), turn in zip(
-            found.theta[:, :2].tolist(), found.turn, strict=True
-        )
+        for (time_s, log_width), turn in zip(found.theta[:, :2].tolist(), found.turn, strict=True)
     }
     count = 0
     for cell in {*search._best(grid, doppler, 2), *search._best(grid, level, 2)}:

@@ -10,24 +10,14 @@ from tests.motion.nuisance_coverage import holds_on_both_sides
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.encounters import TOO_FAST
 from uwtrack_cli.motion.passage.candidates import examine
-from uwtrack_cli.motion.passage.checks.known_sounds import (
-    mains_of,
-)
+from uwtrack_cli.motion.passage.checks.known_sounds import mains_of
 from uwtrack_cli.motion.passage.fit.directivity import consider_directivity
-from uwtrack_cli.motion.passage.fit.estimator import (
-    fit_passage,
-    fit_with_coloured_noise,
-)
-from uwtrack_cli.motion.passage.fit.source_patterns import (
-    AHEAD_STD_DB,
-    ALONG_STD_DB,
-    SPREADING_STD,
-)
+from uwtrack_cli.motion.passage.fit.estimator import fit_passage, fit_with_coloured_noise
+from uwtrack_cli.motion.passage.fit.source_patterns import AHEAD_STD_DB, ALONG_STD_DB, SPREADING_STD
 from uwtrack_cli.motion.passage.model.measurements import PassageData, make_blocks
 
 AIR, WATER = Medium(343.0), Medium(1500.0)
-CAR = Scene(speed_mps=20.0, range_m=10.0, closest_s=6.0, height_m=0.0,
-            sound_speed_mps=343.0)  # fmt: skip
+CAR = Scene(speed_mps=20.0, range_m=10.0, closest_s=6.0, height_m=0.0, sound_speed_mps=343.0)
 TIME = np.arange(0.05, 12.0, 0.05)
 RATIO, ANGLE, DISTANCE = received(CAR, TIME, true_motion(CAR))
 LEVEL_DB = 10 * np.log10((CAR.range_m / DISTANCE) ** 2 + 1e-2)
@@ -39,13 +29,10 @@ NONE = np.full((1, TIME.size), np.nan)
 def measured(ratio, level_db=NONE[0], spread=2e-3, seed=3):
     """Lines with a given ratio to their rest frequencies, and the broadband."""
     rng = np.random.default_rng(seed)
-    lines = (
-        REST_HZ[:, None] * ratio * (1 + spread * rng.standard_normal((2, TIME.size)))
-    )
+    lines = REST_HZ[:, None] * ratio * (1 + spread * rng.standard_normal((2, TIME.size)))
     level = level_db + 0.3 * rng.standard_normal(TIME.size)
     std_hz = np.broadcast_to(spread * REST_HZ[:, None], lines.shape)
-    return PassageData(TIME, lines, std_hz, NONE, NONE, level[None],
-                       np.full((1, TIME.size), 0.3))  # fmt: skip
+    return PassageData(TIME, lines, std_hz, NONE, NONE, level[None], np.full((1, TIME.size), 0.3))
 
 
 def passage_of(data, medium=AIR):
@@ -65,8 +52,7 @@ def car():
 
 def test_sound_in_air_is_no_passage_in_water():
     """A car of 35 m/s would have 153 m/s there; one of 20 m/s has 87 and may be told."""
-    fast = Scene(speed_mps=35.0, range_m=10.0, closest_s=6.0, height_m=0.0,
-                 sound_speed_mps=343.0)  # fmt: skip
+    fast = Scene(speed_mps=35.0, range_m=10.0, closest_s=6.0, height_m=0.0, sound_speed_mps=343.0)
     ratio = received(fast, TIME, true_motion(fast))[0]
     in_water, in_air = (passage_of(measured(ratio), one) for one in (WATER, AIR))
     assert in_water.rejection.code == TOO_FAST
@@ -86,10 +72,7 @@ def test_mains_that_wander_are_told_from_a_generator_on_board():
     orders = np.array([12.0, 16.0, 19.0])
     wander, passage = 4e-4 * np.sin(lag), 2e-3 * lag / np.hypot(1, lag)
     for mains_hz in (50.0, 60.0):
-        hum, board = (
-            list(mains_hz * orders[:, None] * (1 - shift))
-            for shift in (wander, passage)
-        )
+        hum, board = (list(mains_hz * orders[:, None] * (1 - shift)) for shift in (wander, passage))
         assert mains_of(hum)[0] == mains_hz
         assert mains_of(hum)[1] < 1e-3
         assert mains_of(board) is None
@@ -176,11 +159,11 @@ def test_lines_beside_a_level_of_unknown_pattern_are_as_wrong_as_stated(is_one_s
         level_db += 0.5 * rng.standard_normal(TIME.size)
         white, blocks = fit_of(level_db, lines_hz=lines)
         errors += [
-            np.array([
-                fit.theta[0, 0] - 6.0, fit.range_over_speed_s[0] - 0.5,
-                fit.theta[0, 2] - 20.0,
-            ]) / np.sqrt(np.diag(fit.covariance[0])[:3])
+            np.array(
+                [fit.theta[0, 0] - 6.0, fit.range_over_speed_s[0] - 0.5, fit.theta[0, 2] - 20.0]
+            )
+            / np.sqrt(np.diag(fit.covariance[0])[:3])
             for fit in (white, fit_with_coloured_noise(white, blocks))
-        ]  # fmt: skip
+        ]
     assert np.mean(np.square(errors[::2]), axis=0).max() > 4.0
     assert holds_on_both_sides(errors[1::2])

@@ -28,9 +28,7 @@ def test_a_density_has_the_integral_and_moments_that_are_known():
     assert found.is_sampled
     assert found.log_evidence == pytest.approx(integral, abs=0.1)
     assert (found.mean - mean) @ inverse @ (found.mean - mean) < 0.05
-    np.testing.assert_allclose(
-        np.linalg.eigvals(inverse @ found.covariance).real, 1.0, atol=0.2
-    )
+    np.testing.assert_allclose(np.linalg.eigvals(inverse @ found.covariance).real, 1.0, atol=0.2)
 
 
 def test_what_few_draws_meet_is_not_called_sampled():

@@ -16,9 +16,7 @@ BAND_HZ, LEVEL_DB = (30.0, 950.0), 168.0
 RANGE_M, SPEED_MPS, TIME_S = 120.0, 6.0, 90.0
 
 
-CALIBRATED = {
-    "sensitivity_db_re_v_per_upa": -170.0, "gain_db": 0.0, "adc_peak_v": 1.0
-}  # fmt: skip
+CALIBRATED = {"sensitivity_db_re_v_per_upa": -170.0, "gain_db": 0.0, "adc_peak_v": 1.0}
 
 
 def recorded(seed, calibration=CALIBRATED):
@@ -62,9 +60,7 @@ def passage(**values):
 
 
 def reasons(made):
-    return {
-        text for row in range(made.contact.size) for text in made.reasons(row).values()
-    }
+    return {text for row in range(made.contact.size) for text in made.reasons(row).values()}
 
 
 @pytest.mark.slow
@@ -96,12 +92,9 @@ def test_bands_without_the_vessel_have_no_level():
 def test_the_deviation_holds_that_of_the_range():
     levels = recorded(2)
     near, wide = (
-        estimate_radiated_levels([levels], [passage(slant_range_std_m=std)])
-        for std in (0.0, 12.0)
+        estimate_radiated_levels([levels], [passage(slant_range_std_m=std)]) for std in (0.0, 12.0)
     )
-    added = np.sqrt(
-        wide.radiated_noise_level_std_db**2 - near.radiated_noise_level_std_db**2
-    )
+    added = np.sqrt(wide.radiated_noise_level_std_db**2 - near.radiated_noise_level_std_db**2)
     known = np.isfinite(added)
     assert known.sum() > 10
     np.testing.assert_allclose(added[known], 20.0 / np.log(10.0) * 0.1, rtol=1e-6)

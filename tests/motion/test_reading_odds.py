@@ -13,23 +13,12 @@ from uwtrack_cli.data.presence import CONSTANT, JOINED, MACHINERY
 from uwtrack_cli.motion import cpa
 from uwtrack_cli.motion.cpa import FULL_SCALE
 from uwtrack_cli.motion.passage import moving_lines, recording_passages
-from uwtrack_cli.motion.passage.broadband_sum import (
-    KnownSources,
-    SourceFit,
-    source_parts,
-)
+from uwtrack_cli.motion.passage.broadband_sum import KnownSources, SourceFit, source_parts
 from uwtrack_cli.motion.passage.fit.estimator import fit_passage
 from uwtrack_cli.motion.passage.fit.initial_estimates import find_initial_estimates
 from uwtrack_cli.motion.passage.fit.likelihood_ratio import passage_likelihood_ratio
 from uwtrack_cli.motion.passage.model.measurements import PassageData, make_blocks
-from uwtrack_cli.motion.passage.model.unknowns import (
-    MANOEUVRE,
-    RAMP,
-    STEP,
-    TURN,
-    Change,
-    law_of,
-)
+from uwtrack_cli.motion.passage.model.unknowns import MANOEUVRE, RAMP, STEP, TURN, Change, law_of
 from uwtrack_cli.motion.passage.moving_lines import Together
 from uwtrack_cli.motion.passage.readings import change_scores
 from uwtrack_cli.motion.passage.readings import competing_readings as competing
@@ -62,9 +51,7 @@ def test_readings_are_as_likely_as_bayes_says(monkeypatch, offset):
     monkeypatch.setattr(competing, "unseen_change", lambda k, *_: unseen[k])
     monkeypatch.setattr(competing, "still_frequencies", lambda *_: None)
     monkeypatch.setattr(competing, "still_evidences", lambda *_: nothing)
-    monkeypatch.setattr(
-        competing, "cost_of_motion", lambda fit, _: 0.9 * (fit is fits[1])
-    )
+    monkeypatch.setattr(competing, "cost_of_motion", lambda fit, _: 0.9 * (fit is fits[1]))
     monkeypatch.setattr(competing, "fit_with_line_levels", lambda one, _: one)
     monkeypatch.setattr(
         competing, "mixed",
@@ -129,10 +116,7 @@ def test_evidences_are_likelihoods_less_search_and_cost(monkeypatch):
     monkeypatch.setattr(competing, "cost_of_change", lambda *_: 0.7)
     place = {id(fits[0]): -0.5, id(fits[1]): -0.8, id(fits[2]): -0.4}
     monkeypatch.setattr(competing, "prior_of_place", lambda fit, _: place[id(fit)])
-    searches = [
-        None,
-        *(SimpleNamespace(search=lambda g, s=s: s * g) for s in (0.1, 0.2)),
-    ]
+    searches = [None, *(SimpleNamespace(search=lambda g, s=s: s * g) for s in (0.1, 0.2))]
     blocks = SimpleNamespace(shift=SimpleNamespace(is_empty=False), time_s=None)
     found = competing._evidences(fits, searches, blocks)
     expected = [-1.0, 2.5 - 1.0 - 0.25 - 0.7 - 0.3, 5.0 - 2.0 - 1.0 - 0.7]
@@ -149,13 +133,10 @@ def test_a_closest_approach_outside_the_measurements_has_a_normal_prior():
     blocks = SimpleNamespace(time_s=time, weight=np.ones((1, 1, time.size)))
     decades = np.log(100.0)
     for at_s, width_s in ((100.0, 20.0), (-60.0, 20.0), (100.0, 500.0)):
-        fit = SimpleNamespace(
-            theta=np.array([[at_s, 0.0]]), range_over_speed_s=np.array([width_s])
-        )
+        fit = SimpleNamespace(theta=np.array([[at_s, 0.0]]), range_over_speed_s=np.array([width_s]))
         each = ((at_s, 100.0, 200.0), (np.log(width_s), np.log(20.0), decades))
         expected = sum(
-            norm.logpdf(x, mean, span / np.sqrt(12))
-            - norm.logpdf(mean, mean, span / np.sqrt(12))
+            norm.logpdf(x, mean, span / np.sqrt(12)) - norm.logpdf(mean, mean, span / np.sqrt(12))
             for x, mean, span in each
         )
         assert still.prior_of_place(fit, blocks) == pytest.approx(expected)
@@ -173,9 +154,7 @@ def test_a_search_is_worth_the_mean_of_what_its_instants_would_gain():
     half = np.average(np.exp(0.5 * (gain - 6.0)), weights=spacing)
     assert made.search(3.0) == pytest.approx(-np.log(half))
     assert made.search(-1.0) == pytest.approx(0.0)
-    assert still._search(gain, 3.0) == pytest.approx(
-        -np.log(np.mean(np.exp(0.5 * (gain - 6.0))))
-    )
+    assert still._search(gain, 3.0) == pytest.approx(-np.log(np.mean(np.exp(0.5 * (gain - 6.0)))))
     assert still._search(gain, -1.0) == pytest.approx(0.0)
 
 
@@ -216,9 +195,7 @@ def test_halves_of_a_source_lie_beside_it_and_are_together_as_loud():
     """A source in two: each half as wide, six tenths of d/v from the middle, and where
     the whole bears then."""
     time_s = np.linspace(0.0, 200.0, 41)
-    theta = np.array(
-        [0.1, 1.0, 0.0, 0.0, 1.2, 0.0, 0.0, 0.0, 80.0, np.log(20.0), 2.0, 0.7]
-    )
+    theta = np.array([0.1, 1.0, 0.0, 0.0, 1.2, 0.0, 0.0, 0.0, 80.0, np.log(20.0), 2.0, 0.7])
     known = KnownSources(np.zeros((1, 41)), np.zeros((1, 41)))
     # of two free sources each is parted in its own place
     two = SourceFit(np.append(theta, theta[8:] + 1.0), np.ones(2), 0.0, 1)
@@ -228,10 +205,7 @@ def test_halves_of_a_source_lie_beside_it_and_are_together_as_loud():
     for turn in (1.0, -1.0):
         fit = SourceFit(theta, np.array([turn]), 0.0, 1)
         starts, turns = _with_halves(
-            fit,
-            np.tile(np.append(theta, np.zeros(4)), (2, 1)),
-            np.full((2, 2), turn),
-            (1.0, -1.0),
+            fit, np.tile(np.append(theta, np.zeros(4)), (2, 1)), np.full((2, 2), turn), (1.0, -1.0)
         )
         assert starts.shape == (4, 16)
         assert turns[2:].tolist() == [[turn, turn], [turn, -turn]]
@@ -269,15 +243,10 @@ def test_of_lines_that_claim_one_time_the_strongest_is_kept():
     def at(time_s, width_s, gain):
         return Together(time_s, width_s, np.zeros(1, int), gain)
 
-    found = [at(0.0, 10.0, 20.0), at(19.9, 4.0, 30.0), at(40.1, 10.0, 25.0),
-             at(60.3, 3.0, 12.0)]  # fmt: skip
+    found = [at(0.0, 10.0, 20.0), at(19.9, 4.0, 30.0), at(40.1, 10.0, 25.0), at(60.3, 3.0, 12.0)]
     kept = moving_lines._apart(found)
     assert [one.gain for one in kept] == [30.0, 25.0, 12.0]
-    assert [one.gain for one in moving_lines._apart(found[:1] + found[2:])] == [
-        25.0,
-        20.0,
-        12.0,
-    ]
+    assert [one.gain for one in moving_lines._apart(found[:1] + found[2:])] == [25.0, 20.0, 12.0]
 
 
 def heard():
@@ -299,9 +268,7 @@ def heard():
 def fitted():
     blocks, medium = make_blocks(heard()), Medium(1500.0, 20.0, height_std_m=3.0)
     start = np.array([[110.0, np.log(17.9), 6.0, -9.0]])
-    return fit_passage(
-        blocks, start, np.ones(1), medium, with_coloured_noise=False
-    ), blocks
+    return fit_passage(blocks, start, np.ones(1), medium, with_coloured_noise=False), blocks
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -332,9 +299,7 @@ def test_a_change_gains_what_least_squares_with_it_do(kind):
         gain = 0.5 * (((value - base @ resting) ** 2).sum() - left)
         assert found.gain[k] == pytest.approx(gain, rel=1e-4, abs=1e-6)
         size = np.clip(best[-count:], -4 * change.std, 4 * change.std)
-        np.testing.assert_allclose(
-            found.theta[k, 5:] - theta[k, 5:], size, rtol=1e-3, atol=1e-6
-        )
+        np.testing.assert_allclose(found.theta[k, 5:] - theta[k, 5:], size, rtol=1e-3, atol=1e-6)
         width, speed = float(fit.range_over_speed_s[0]), float(fit.theta[0, 2])
         reach = np.array([2 * width, 1.0, 0.5 * speed])
         moved = np.clip(best[:3], -reach, reach * [1, 1, 2])
@@ -424,9 +389,7 @@ def test_bearings_that_scatter_all_round_say_nothing():
         assert getattr(found, name) == pytest.approx(getattr(none, name))
 
 
-@pytest.mark.parametrize(
-    ("silent", "speed"), [(True, 5.0), (False, 0.0), (False, -1.0)]
-)
+@pytest.mark.parametrize(("silent", "speed"), [(True, 5.0), (False, 0.0), (False, -1.0)])
 def test_lines_that_do_not_move_are_not_asked_beside_a_rise(monkeypatch, silent, speed):
     def never(*_):
         msg = "asked"

@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 
 from tests.draws.measured_bounds import bounds
-from tests.draws.measured_passages import (
-    READ_AS,
-    SENSOR,
-    analyse,
-    draw,
-    errors,
-    place,
-    received,
-)
+from tests.draws.measured_passages import READ_AS, SENSOR, analyse, draw, errors, place, received
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.motion.cpa import find_encounters
@@ -44,12 +36,7 @@ def test_the_law_of_two_legs_is_that_of_newtons_method(at, change):
     law = passage_law(time, STRAIGHT, 1500.0, HEIGHT_M, with_height=True)
     sign = np.array([1.0 if at > CLOSEST_S else -1.0])
     two = with_other_leg(
-        law,
-        time,
-        STRAIGHT,
-        (np.array([at]), sign, np.array([change])),
-        1500.0,
-        HEIGHT_M,
+        law, time, STRAIGHT, (np.array([at]), sign, np.array([change])), 1500.0, HEIGHT_M
     )
     turned = (two.angle[0] - np.arctan2(x, y) + np.pi) % (2 * np.pi) - np.pi
     distance2 = x**2 + y**2 + HEIGHT_M**2
@@ -109,9 +96,7 @@ def test_the_curve_of_a_page_follows_what_changed(kind, seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kind", "seed"), [("turn", 2), ("turn", 7), ("speed-change", 4)]
-)
+@pytest.mark.parametrize(("kind", "seed"), [("turn", 2), ("turn", 7), ("speed-change", 4)])
 def test_the_other_leg_has_its_own_speed_and_course(kind, seed):
     drawn, found = analysed(kind, seed)
     other = 1.0 if drawn.change_s > CLOSEST_S else -1.0
@@ -160,9 +145,7 @@ def test_the_instant_of_a_ramp_is_one_of_its_unknowns():
     change, medium = Change(RAMP, np.array([330.0]), np.ones(1)), Medium(1500.0)
     time = np.arange(0.5, 600.0)
     step = np.array([0.0] * 6 + [1e-3])
-    ahead, behind = (
-        law_of(theta + sign * step, time, medium, change).shift[0] for sign in (1, -1)
-    )
+    ahead, behind = (law_of(theta + sign * step, time, medium, change).shift[0] for sign in (1, -1))
     exact = law_of(theta, time, medium, change).rows[0, 0, -1]
     assert np.abs(exact - (ahead - behind) / 2e-3).max() < 1e-9
     assert np.abs(exact).max() > 1e-5

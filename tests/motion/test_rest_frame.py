@@ -18,8 +18,7 @@ from uwtrack_cli.motion.passage.fit.nuisances import nuisance_priors
 from uwtrack_cli.motion.passage.model.unknowns import RAMP, Change
 
 RATE_HZ = 512.0
-SCENE = Scene(speed_mps=6.0, range_m=150.0, rest_hz=(120.0,), closest_s=150.0,
-              length_s=300.0)  # fmt: skip
+SCENE = Scene(speed_mps=6.0, range_m=150.0, rest_hz=(120.0,), closest_s=150.0, length_s=300.0)
 DIFAR = Sensor(id="h1", kind="difar", depth_m=22.0)
 
 
@@ -41,17 +40,13 @@ def shift_at(time):
 def fitted(scene):
     """The passage that the frequencies of a scene's line show, which nothing changes."""
     lines = lines_of_scenes([scene], np.random.default_rng(1))
-    (item,), _ = examine_contacts(
-        lines, nuisance_priors(DIFAR, None, None, 22.0, 2.0).medium, 1e-3
-    )
+    (item,), _ = examine_contacts(lines, nuisance_priors(DIFAR, None, None, 22.0, 2.0).medium, 1e-3)
     return item
 
 
 def found_with(shift, loudness):
     lines = lines_of_scenes([SCENE], np.random.default_rng(1))
-    return find_encounters(
-        lines, None, DIFAR, None, sound_of(1 + shift, loudness)
-    )  # fmt: skip
+    return find_encounters(lines, None, DIFAR, None, sound_of(1 + shift, loudness))
 
 
 TIME = np.arange(int(SCENE.length_s * RATE_HZ)) / RATE_HZ
@@ -79,9 +74,7 @@ def step():
 
 
 @pytest.mark.parametrize(
-    "sound",
-    [lambda: (0 * TIME, 1 + 0 * TIME), drift, step],
-    ids=["steady", "drift", "step"],
+    "sound", [lambda: (0 * TIME, 1 + 0 * TIME), drift, step], ids=["steady", "drift", "step"]
 )
 def test_the_sound_of_a_machine_that_changes_its_speed_speaks_against_it(sound):
     shift, loudness = sound()
@@ -97,9 +90,7 @@ def test_a_passage_beside_a_ramp_must_be_steadier_than_the_ramp_alone(passes):
     item = fitted(SCENE)
 
     def shift(time):
-        return (1 + passes * shift_at(time)[0]) * (
-            1 + slope * np.maximum(time - at_s, 0.0)
-        ) - 1
+        return (1 + passes * shift_at(time)[0]) * (1 + slope * np.maximum(time - at_s, 0.0)) - 1
 
     fit = replace(
         item.fit,
@@ -108,8 +99,7 @@ def test_a_passage_beside_a_ramp_must_be_steadier_than_the_ramp_alone(passes):
     )
     value = np.broadcast_to(shift(item.blocks.time_s), item.blocks.shift.value.shape)
     blocks = replace(
-        item.blocks,
-        value=np.concatenate([value, item.blocks.value[:, value.shape[1] :]], axis=1),
+        item.blocks, value=np.concatenate([value, item.blocks.value[:, value.shape[1] :]], axis=1)
     )
     found = rest_frame(sound_of(1 + shift(TIME), shift_at(TIME)[1]), fit, blocks)
     assert found.rival == "frequency-ramp"
@@ -128,9 +118,7 @@ def test_a_drift_like_the_passage_says_nothing_against_bearings_that_turn():
     assert [heard.rival for heard in asked] == ["frequency-ramp", "frequency-step"]
     assert abs(asked[0].evidence) < 0.05
     assert asked[1].evidence > 0.15
-    steady = rest_frame(
-        sound_of(np.ones(time.size), 1.0), item.fit, item.blocks, turns=True
-    )
+    steady = rest_frame(sound_of(np.ones(time.size), 1.0), item.fit, item.blocks, turns=True)
     assert steady.evidence < -0.2
 
 

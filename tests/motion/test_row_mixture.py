@@ -83,9 +83,7 @@ def test_a_trial_motion_costs_the_same_alone_and_beside_others(loss):
     trials = q + np.array([[0.0] * 4, [0.2, 0.3, 0.0, 1.0], [-0.2, -0.4, 2.0, 0.0]])
     alone = [float(misfit(problem, one[None]).value[0]) for one in trials]
     np.testing.assert_allclose(misfit(problem, trials).value, alone, rtol=1e-9)
-    of_states = misfit_value(
-        problem, to_state(trials), np.empty((3, 0)), np.zeros(3, np.int64)
-    )
+    of_states = misfit_value(problem, to_state(trials), np.empty((3, 0)), np.zeros(3, np.int64))
     np.testing.assert_allclose(of_states, alone, rtol=1e-9)
     assert alone[0] < min(alone[1:])
 
@@ -101,14 +99,10 @@ def test_a_target_at_the_place_of_a_sensor_is_not_known_to_centimetres():
         at_sensor = (problem.sensor == 0) & (problem.track.time_s == 300.0)
         assert near[at_sensor].all() == is_near
         # those just before and after may be, no others
-        assert not near[
-            (problem.sensor > 0) | (abs(problem.track.time_s - 300) > 31)
-        ].any()
+        assert not near[(problem.sensor > 0) | (abs(problem.track.time_s - 300) > 31)].any()
         told = np.linalg.det(information(problem, q).covariance())
         rest = without_rows(problem, near)
-        assert (
-            told < 1e-2 * np.linalg.det(information(rest, q).covariance())
-        ) == is_near
+        assert (told < 1e-2 * np.linalg.det(information(rest, q).covariance())) == is_near
 
 
 def test_offsets_that_are_known_leave_the_sum_over_who_may_own_each_row():

@@ -13,16 +13,9 @@ from uwtrack_cli.motion.coloured_noise import ColouredNoise
 from uwtrack_cli.motion.target_motion.bounce import Bounce
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target_motion.objective import residuals
-from uwtrack_cli.motion.target_motion.row_noise import (
-    alike_rows,
-    find_colours,
-    row_noise,
-    whitened,
-)
+from uwtrack_cli.motion.target_motion.row_noise import alike_rows, find_colours, row_noise, whitened
 
-KNOWN = NuisanceDeviations(
-    own_position_m=30.0, own_velocity_mps=0.3, correlation_time_s=90.0
-)
+KNOWN = NuisanceDeviations(own_position_m=30.0, own_velocity_mps=0.3, correlation_time_s=90.0)
 BOUNCE = Bounce(90.0, 120.0, 0.0, 0.1, "")
 MEMORY = ColouredNoise(np.array([2.0, 0.5]), np.array([70.0, 400.0]), 0.8)
 
@@ -51,18 +44,14 @@ def dense(problem, r, colours):
     over = problem.track.interval_s[0]
     early = at - over * (0.5 if problem.track.before is None else 1.0)
     weight = np.concatenate([problem.bearing_weight, problem.frequency_weight]).ravel()
-    across = np.tile(
-        np.hypot(*r.prediction.bearing_jacobian[0, :2]), streams + problem.n_lines
-    )
+    across = np.tile(np.hypot(*r.prediction.bearing_jacobian[0, :2]), streams + problem.n_lines)
     slope = np.repeat(r.rest_hz[0, :-1] / problem.sound_speed_mps, time.size)
     turn = np.where(kind, 0.0, share * weight * across)
     rate, near = np.zeros(at.size), np.zeros(at.size)
     rate[kind == 1] = (share * weight)[kind == 1] * slope
     # the delay by its differences
     range_m = r.prediction.range_m[0]
-    up, down = (
-        BOUNCE.delay_s(range_m + step, problem.sound_speed_mps)[0] for step in (1, -1)
-    )
+    up, down = (BOUNCE.delay_s(range_m + step, problem.sound_speed_mps)[0] for step in (1, -1))
     near[kind == 2] = (share * weight)[kind == 2] * r.rest_hz[0, -1] * (down - up) / 2
 
     def like(a, b, memory_s):
@@ -82,14 +71,10 @@ def dense(problem, r, colours):
         own = kind == which
         white[own] = colour.inflation
         rows = np.zeros(time.size)
-        np.add.at(
-            rows, np.tile(np.arange(time.size), at.size // time.size), own * measured
-        )
+        np.add.at(rows, np.tile(np.arange(time.size), at.size // time.size), own * measured)
         gain = own * measured * share
         gain = gain / np.sqrt(np.tile(np.maximum(rows, 1), at.size // time.size))
-        for variance, memory_s in zip(
-            colour.variance, colour.correlation_time_s, strict=True
-        ):
+        for variance, memory_s in zip(colour.variance, colour.correlation_time_s, strict=True):
             strength = colour.inflation * variance
             found += strength * np.outer(gain, gain) * like(at, at, memory_s)
     return found + np.diag(white)
@@ -118,13 +103,9 @@ def test_drawn_noise_with_a_memory_is_found_and_white_noise_is_left():
     bearing = rng.standard_normal(r.bearing.shape)
     for row in range(1, problem.n_rows):
         bearing[..., row] = 0.8 * bearing[..., row - 1] + 0.6 * bearing[..., row]
-    drawn = replace(
-        r, bearing=bearing, frequency=rng.standard_normal(r.frequency.shape)
-    )
+    drawn = replace(r, bearing=bearing, frequency=rng.standard_normal(r.frequency.shape))
     n = problem.bearing_weight.size + problem.frequency_weight.size
-    found = find_colours(
-        problem, drawn, NuisanceDeviations(), np.ones((n, 1)), np.ones((1, 1))
-    )
+    found = find_colours(problem, drawn, NuisanceDeviations(), np.ones((n, 1)), np.ones((1, 1)))
     assert found[1].is_white
     step_s = float(np.median(np.diff(problem.row_time_s)))
     memory = found[0]
@@ -142,6 +123,4 @@ def test_rows_of_noise_with_a_memory_count_as_one_as_in_drawn_mean_squares():
         series[row] = decay * series[row - 1] + np.sqrt(1 - decay**2) * series[row]
     found = np.var((series**2).mean(axis=0)) / (2.0 / n)
     strong = ColouredNoise(np.array([1e6]), np.array([-1.0 / np.log(decay)]), 1e-6)
-    assert alike_rows(strong, np.arange(n, dtype=float)) == pytest.approx(
-        found, rel=0.1
-    )
+    assert alike_rows(strong, np.arange(n, dtype=float)) == pytest.approx(found, rel=0.1)

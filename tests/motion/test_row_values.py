@@ -12,13 +12,7 @@ from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.motion.passage import encounter_rows as rows
 from uwtrack_cli.motion.passage.model.moving_sensor import over_ground, sensor_motion
-from uwtrack_cli.motion.passage.model.unknowns import (
-    MANOEUVRE,
-    RAMP,
-    STEP,
-    TURN,
-    Change,
-)
+from uwtrack_cli.motion.passage.model.unknowns import MANOEUVRE, RAMP, STEP, TURN, Change
 from uwtrack_cli.motion.target_motion import motion_table as table
 from uwtrack_cli.motion.target_motion.modes import Interval
 
@@ -46,8 +40,7 @@ def fit_of(changed=(), kind=None, *, sign=1.0, turn=1, change_s=130.0, std=None)
 
 def row_of(**values):
     row = rows.Row(1, rows.OK)
-    row.values |= {"speed_mps": SPEED_MPS, "speed_std_mps": 0.2,
-                   "course_deg": COURSE_DEG} | values  # fmt: skip
+    row.values |= {"speed_mps": SPEED_MPS, "speed_std_mps": 0.2, "course_deg": COURSE_DEG} | values
     row.side = "starboard"
     return row
 
@@ -95,9 +88,7 @@ def test_the_other_leg_of_a_manoeuvre_is_its_velocity_over_ground(change, turn):
 
 @pytest.mark.parametrize("turn", [1, -1])
 @pytest.mark.parametrize("lag_s", [-50.0, -20.0, 20.0, 50.0])
-def test_a_steady_turn_has_another_leg_where_it_is_over_at_the_closest_approach(
-    lag_s, turn
-):
+def test_a_steady_turn_has_another_leg_where_it_is_over_at_the_closest_approach(lag_s, turn):
     fit = fit_of((0.5, 60.0, 0.0), TURN, change_s=100.0 + lag_s, turn=turn)
     row, own = row_of(), fit.full_covariance[0][5:7, 5:7]
     rows._add_change(row, fit)
@@ -117,9 +108,7 @@ def test_a_steady_turn_has_another_leg_where_it_is_over_at_the_closest_approach(
 
     at = np.array([COURSE_DEG, 0.5])
     assert v["other_leg_course_deg"] == pytest.approx(course(at)[0] % 360.0)
-    (expected,) = by_difference(
-        course, at, fit.full_covariance[0][np.ix_([3, 5], [3, 5])]
-    )
+    (expected,) = by_difference(course, at, fit.full_covariance[0][np.ix_([3, 5], [3, 5])])
     assert v["other_leg_course_std_deg"] == pytest.approx(expected)
     assert (v["other_leg_speed_mps"], v["other_leg_speed_std_mps"]) == (SPEED_MPS, 0.2)
 
@@ -204,9 +193,7 @@ def test_without_a_speed_the_closest_approach_was_earlier_by_what_sound_takes():
     assert row.values["range_over_speed_std_s"] == pytest.approx(expected)
 
 
-@pytest.mark.parametrize(
-    "shares", [(1.9, None), (2.1, "long"), (0.09, None), (0.08, "short")]
-)
+@pytest.mark.parametrize("shares", [(1.9, None), (2.1, "long"), (0.09, None), (0.08, "short")])
 def test_frames_are_advised_where_they_are_far_from_what_would_suit(shares):
     share, wrong = shares
     row = row_of(slant_range_m=300.0)
@@ -297,9 +284,7 @@ def mode_of(half=1.0, other=1.0, *, std=(200.0, 0.02, 0.3, 0.1), turns=0.0, **ch
      (0.76, 1.24, True), (0.74, 1.0, False), (1.0, 1.26, False)],
 )  # fmt: skip
 @pytest.mark.parametrize("turns", [0.0, 2 * np.pi, -2 * np.pi])
-def test_an_ellipse_agrees_within_a_quarter_on_either_side(
-    half, other, expected, turns
-):
+def test_an_ellipse_agrees_within_a_quarter_on_either_side(half, other, expected, turns):
     assert table.ellipse_agrees(mode_of(half, other, turns=turns)) is expected
     assert not table.ellipse_agrees(mode_of(half, other, ellipse_holds=False))
     spans = dict(mode_of().intervals)
@@ -336,9 +321,8 @@ def test_what_is_less_certain_than_its_limit_is_not_given(std, hidden):
 def test_what_a_grating_lobe_may_stand_for_is_named_and_alone_not_given(n_aliased):
     aliased = np.arange(20) < n_aliased
     data = SimpleNamespace(
-        bearing_deg=np.ones(20), line_id=np.ones(1), time_s=np.arange(20.0),
-        is_aliased=aliased,
-    )  # fmt: skip
+        bearing_deg=np.ones(20), line_id=np.ones(1), time_s=np.arange(20.0), is_aliased=aliased
+    )
     answer, mode = answer_of(data=data), mode_of()
     found = table.reasons_of(mode, answer)
     hidden = {"range_m", "bearing_deg", "speed_mps", "course_deg"}
@@ -370,9 +354,7 @@ def test_an_open_range_says_how_far_it_is_at_least_and_what_is_missing():
     mode.intervals = spans
     assert "(at least 3000 m); too" in table.reasons_of(mode, answer_of())["range_m"]
     mode.at_limit_m = 77_000.0
-    assert (
-        "limit of the search, 77000 m" in table.reasons_of(mode, answer_of())["range_m"]
-    )
+    assert "limit of the search, 77000 m" in table.reasons_of(mode, answer_of())["range_m"]
     mode.at_limit_m = None
     spans["range"] = Interval(np.log(3000.0), 12.0, True, True)
     assert "at least" not in table.reasons_of(mode, answer_of())["range_m"]
@@ -410,9 +392,7 @@ def test_a_report_says_what_is_known_in_its_units():
     assert "moves the range by +1 %" in words
     assert "Doppler" not in words
     quiet = mode_of(range_per_sound_speed=0.009, observability=mode_of().observability)
-    words = table.report_of(
-        quiet, answer_of(manoeuvring=False), {}, manoeuvre_needed=False
-    )
+    words = table.report_of(quiet, answer_of(manoeuvring=False), {}, manoeuvre_needed=False)
     assert "sound speed" not in words
     assert "the range rests on Doppler" in words
     counted = answer_of(probability=np.array([1.0, 0.5, np.nan, 0.75]), n_sources=2)

@@ -11,19 +11,14 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
 from uwtrack_cli.motion.passage.candidates import examine_contacts
 from uwtrack_cli.motion.passage.fit.nuisances import nuisance_priors
-from uwtrack_cli.motion.passage.same_machine import (
-    contact_ends,
-    is_next_gear,
-    is_of_comb,
-)
+from uwtrack_cli.motion.passage.same_machine import contact_ends, is_next_gear, is_of_comb
 
 DIFAR = Sensor(id="h1", kind="difar", depth_m=22.0, compass_std_deg=0.0)
 FIRST_GEAR = np.array([30.25, 60.5, 90.75])
 CHANGE_S, PAUSE_S, RATIO = 150.0, 4.0, 1.227
 SLOW = Scene(
-    speed_mps=3.6, range_m=650.0, rest_hz=tuple(FIRST_GEAR), closest_s=21.5,
-    length_s=480.0, turn=1,
-)  # fmt: skip
+    speed_mps=3.6, range_m=650.0, rest_hz=tuple(FIRST_GEAR), closest_s=21.5, length_s=480.0, turn=1
+)
 
 
 def two_gears(after_hz, pause_s=PAUSE_S, seed=1):
@@ -32,16 +27,12 @@ def two_gears(after_hz, pause_s=PAUSE_S, seed=1):
     rng = np.random.default_rng(seed)
     lines = lines_of_scenes([SLOW, after], rng)
     contact = lines.line_contact[lines.line - 1]
-    is_heard = np.where(
-        contact == 1, lines.time_s < CHANGE_S, lines.time_s > CHANGE_S + pause_s
-    )
+    is_heard = np.where(contact == 1, lines.time_s < CHANGE_S, lines.time_s > CHANGE_S + pause_s)
     # frames as short as a second tell a fiftieth of a hertz
     noise = 0.03 * rng.standard_normal(lines.time_s.size)
     return replace(
         lines,
-        measured_frequency_hz=np.where(
-            is_heard, lines.measured_frequency_hz + noise, np.nan
-        ),
+        measured_frequency_hz=np.where(is_heard, lines.measured_frequency_hz + noise, np.nan),
         measured_frequency_std_hz=np.full(noise.size, 0.03),
         measured_bearing_deg=np.where(is_heard, lines.measured_bearing_deg, np.nan),
     )
@@ -73,9 +64,7 @@ def test_a_passage_in_two_gears_is_one():
     ],
     ids=["gear", "fewer", "one", "octave", "no ratio", "later", "beside"],
 )
-def test_lines_go_on_in_another_gear_by_one_ratio_and_at_once(
-    after_hz, pause_s, is_next
-):
+def test_lines_go_on_in_another_gear_by_one_ratio_and_at_once(after_hz, pause_s, is_next):
     lines = two_gears(after_hz, pause_s)
     ends = contact_ends(lines, (1, 2))
     assert is_next_gear(ends[1], ends[2], lines.frames.window_s) == is_next
@@ -107,12 +96,8 @@ def test_lines_of_its_comb_are_the_vessels_though_they_agree_less(is_tooth):
     is_heard = ~is_part | (np.abs(lines.time_s - 234.0) < 30.0)
     rng = np.random.default_rng(7)
     noise_hz, noise_deg = 0.02 * is_part, 10.0 * is_part
-    frequency_hz = lines.measured_frequency_hz + noise_hz * rng.standard_normal(
-        is_part.size
-    )
-    bearing_deg = lines.measured_bearing_deg + noise_deg * rng.standard_normal(
-        is_part.size
-    )
+    frequency_hz = lines.measured_frequency_hz + noise_hz * rng.standard_normal(is_part.size)
+    bearing_deg = lines.measured_bearing_deg + noise_deg * rng.standard_normal(is_part.size)
     lines = replace(
         lines,
         measured_frequency_hz=np.where(is_heard, frequency_hz, np.nan),

@@ -81,9 +81,7 @@ def test_the_readings_part_where_the_drift_is_about_its_deviation():
     # one table of noise, the source drifting faster and faster: the odds turn over once
     chance = []
     for speed in (0.0, 0.1, 0.3, 1.0):
-        series, *_ = buoys(
-            3, rows=20, strange=0.0, std_deg=4.0, speeds_mps=(speed, speed)
-        )
+        series, *_ = buoys(3, rows=20, strange=0.0, std_deg=4.0, speeds_mps=(speed, speed))
         fixes = locate_vessels(series=series, at=MIDDLE)
         is_still = fixes.motion_model[0] == "stationary"
         weight = fixes.motion_model_probability[0]
@@ -155,9 +153,7 @@ def circling(seed, *, strange, n_other):
         bearing_std_deg=np.full(n, np.nan), sensor_east_m=None, sensor_north_m=None,
         sensor_id=None, sensor_compass_std_deg=None, sensor_position_std_m=None,
     )  # fmt: skip
-    ship = Navigation(
-        time_s=time, east_m=own[0], north_m=own[1], heading_deg=np.full(n, np.nan)
-    )
+    ship = Navigation(time_s=time, east_m=own[0], north_m=own[1], heading_deg=np.full(n, np.nan))
     return series, ship, place - own[:, 0], wrong
 
 
@@ -165,10 +161,7 @@ def circling(seed, *, strange, n_other):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "strange", "n_other"),
-    [
-        (4, 0.45, 1),
-        pytest.param(710088, 0.597927107898852, 2, marks=pytest.mark.long),
-    ],
+    [(4, 0.45, 1), pytest.param(710088, 0.597927107898852, 2, marks=pytest.mark.long)],
 )
 def test_a_source_among_bearings_of_others_is_found(seed, strange, n_other):
     series, ship, place, wrong = circling(seed, strange=strange, n_other=n_other)
@@ -208,10 +201,7 @@ def test_bearings_of_one_sensor_in_radians_are_told_with_its_name():
     series, *_ = buoys(1, strange=0.0)
     of_one = series.sensor == "b2"
     mixed = replace(
-        series,
-        bearing_deg=np.where(
-            of_one, np.radians(series.bearing_deg), series.bearing_deg
-        ),
+        series, bearing_deg=np.where(of_one, np.radians(series.bearing_deg), series.bearing_deg)
     )
     with pytest.raises(DataError, match=r"by b2 .* radians"):
         locate_vessels(series=mixed)
@@ -244,9 +234,7 @@ def test_fixes_follow_the_legs_of_a_target_that_alters():
         (("a", "b", "a", "b"), (0, 0, 9, 9), "cross at too small an angle"),
     ],
 )
-def test_a_table_without_a_position_says_its_rows_and_what_they_lack(
-    sensors, times, missing
-):
+def test_a_table_without_a_position_says_its_rows_and_what_they_lack(sensors, times, missing):
     sensor, rows = np.array(sensors), len(sensors)
     nothing = np.full(rows, np.nan)
     series = Series(

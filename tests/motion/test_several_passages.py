@@ -155,9 +155,7 @@ def vessel(time_s, range_m, course_deg, snr_db):
 
 
 @pytest.mark.filterwarnings("ignore:no position for the encounter")
-@pytest.mark.parametrize(
-    "kind", [pytest.param("omni", marks=pytest.mark.long), "difar"]
-)
+@pytest.mark.parametrize("kind", [pytest.param("omni", marks=pytest.mark.long), "difar"])
 def test_two_vessels_without_lines_are_found_in_their_sound(kind):
     scenario = make_scenario({
             "seed": 4, "duration_s": 480.0, "sample_rate_hz": 2000.0,
@@ -188,9 +186,7 @@ def test_deviations_of_two_passages_hold(has_bearing):
     for run in range(runs):
         rng = np.random.default_rng([11, run])
         first = rng.uniform(120.0, 300.0)
-        scenes = [
-            drawn_scene(rng, first), drawn_scene(rng, first + rng.uniform(120.0, 200.0))
-        ]  # fmt: skip
+        scenes = [drawn_scene(rng, first), drawn_scene(rng, first + rng.uniform(120.0, 200.0))]
         snrs_db = rng.uniform(5.0, 15.0, 2)
         levels = crowded_levels(scenes, snrs_db, rng, has_bearing=has_bearing)
         found = find_encounters(None, levels, DIFAR)

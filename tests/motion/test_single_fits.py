@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.motion.single_fits import (
-    fit_bearings,
-    fit_doppler,
-    fit_envelope,
-)
+from tests.motion.single_fits import fit_bearings, fit_doppler, fit_envelope
 from uwtrack_cli.errors import DataError
 
 TIME = np.arange(0.5, 600.0)
@@ -25,9 +21,7 @@ def test_bearings_tell_time_width_and_turn_despite_a_compass_error():
     assert plain.turn == -1
     assert abs(plain.arrival_time_s - ARRIVAL) < 4 * plain.arrival_time_std_s
     assert abs(plain.range_over_speed_s - WIDTH) < 4 * plain.range_over_speed_std_s
-    assert turned.range_over_speed_s == pytest.approx(
-        plain.range_over_speed_s, rel=1e-5
-    )
+    assert turned.range_over_speed_s == pytest.approx(plain.range_over_speed_s, rel=1e-5)
     assert (turned.bearing_deg - plain.bearing_deg) % 360 == pytest.approx(17, abs=1e-3)
 
 
@@ -35,9 +29,7 @@ def test_the_envelope_is_as_good_as_its_bound():
     """Closed form of section 3 with level, time and width free, no floor."""
     reach = 300.0 / WIDTH
     i1 = np.arctan(reach) + reach / (1 + reach**2)
-    bound = (
-        0.115 / np.sqrt(WIDTH) / np.sqrt(i1 - (2 * np.arctan(reach)) ** 2 / 2 / reach)
-    )
+    bound = 0.115 / np.sqrt(WIDTH) / np.sqrt(i1 - (2 * np.arctan(reach)) ** 2 / 2 / reach)
     errors = []
     for seed in range(40):
         rng = np.random.default_rng(seed)

@@ -18,9 +18,8 @@ FIRST = Scene(
     bearing_deg=209.3, turn=1,
 )  # fmt: skip
 SECOND = replace(
-    FIRST, speed_mps=3.6, range_m=104.0, rest_hz=(141.5, 212.3), closest_s=290.0,
-    bearing_deg=217.5,
-)  # fmt: skip
+    FIRST, speed_mps=3.6, range_m=104.0, rest_hz=(141.5, 212.3), closest_s=290.0, bearing_deg=217.5
+)
 
 
 def one_contact(lines):
@@ -35,9 +34,7 @@ def test_two_vessels_on_like_courses_in_one_contact_are_told_apart(seed):
     assert found.contact.tolist() == [1, 2]
     for row, scene in enumerate((FIRST, SECOND)):
         assert abs(found.time_s[row] - scene.closest_s) < 4 * found.time_std_s[row]
-        assert (
-            abs(found.speed_mps[row] - scene.speed_mps) < 4 * (found.speed_std_mps[row])
-        )
+        assert abs(found.speed_mps[row] - scene.speed_mps) < 4 * (found.speed_std_mps[row])
         off = found.bearing_deg[row] - scene.bearing_deg
         assert abs(off) < 4 * found.bearing_std_deg[row]
         rest = found.rest_frequency_hz[found.rest_encounter == row]
@@ -74,9 +71,7 @@ def test_two_vessels_in_one_contact_of_a_table_are_told_apart(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kind", "seed"), [("turn", 952004), ("frequency-step", 952002)]
-)
+@pytest.mark.parametrize(("kind", "seed"), [("turn", 952004), ("frequency-step", 952002)])
 def test_one_vessel_of_four_lines_that_changes_something_stays_one(kind, seed):
     series = draw(kind, seed).series
     assert series.frequency_hz.shape[1] == 4

@@ -29,9 +29,7 @@ SEED = 520004
 def law(values):
     """Return the rows of a passage with a turn by its seven unknowns."""
     turn = SteadyTurn(*values[4:, None])
-    return with_steady_turn(
-        TIME_S, values[None, :3], turn, SOUND_MPS, values[3:4]
-    ).rows[0]  # fmt: skip
+    return with_steady_turn(TIME_S, values[None, :3], turn, SOUND_MPS, values[3:4]).rows[0]
 
 
 @cache
@@ -42,8 +40,7 @@ def bending():
 
 
 @pytest.mark.parametrize(
-    ("angle", "duration", "middle"),
-    [(1.2, 200.0, 340.0), (-0.9, 90.0, 400.0), (0.5, 50.0, 180.0)],
+    ("angle", "duration", "middle"), [(1.2, 200.0, 340.0), (-0.9, 90.0, 400.0), (0.5, 50.0, 180.0)]
 )
 def test_the_law_of_a_turn_is_that_of_a_path_that_is_summed_up(angle, duration, middle):
     bend = middle, duration, angle
@@ -62,9 +59,7 @@ def test_the_law_of_a_turn_is_that_of_a_path_that_is_summed_up(angle, duration, 
 
 
 def test_a_turn_by_nothing_is_straight():
-    straight = passage_law(
-        TIME_S, START[None, :3], SOUND_MPS, HEIGHT_M, with_height=True
-    )
+    straight = passage_law(TIME_S, START[None, :3], SOUND_MPS, HEIGHT_M, with_height=True)
     rows = law(np.array([*START, 0.0, 60.0, 320.0]))
     assert np.abs(rows[:, :5] - straight.rows[0]).max() < 1e-12
 

@@ -11,8 +11,7 @@ from uwtrack_cli.motion.cpa import find_encounters
 
 
 @pytest.mark.parametrize(
-    ("kind", "seed"),
-    [("machinery", 4), ("constant", 4), ("joined", 3), ("joined", 4)],
+    ("kind", "seed"), [("machinery", 4), ("constant", 4), ("joined", 3), ("joined", 4)]
 )
 def test_what_stays_is_read_as_it_was_drawn(kind, seed):
     found = find_encounters(series=draw(kind, seed).series, sensor=SENSOR)

@@ -199,12 +199,7 @@ def drift():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("made", "rival"),
-    [
-        (rain, ""),
-        (gust, ""),
-        (bell, "a squall that goes slowly"),
-        (drift, "one gain for all"),
-    ],
+    [(rain, ""), (gust, ""), (bell, "a squall that goes slowly"), (drift, "one gain for all")],
 )
 def test_what_is_loud_for_a_while_is_no_passage(made, rival):
     levels = levels_of(1 + made())
@@ -260,15 +255,12 @@ def test_levels_of_an_older_product_are_taken_as_they_are():
 
 def test_few_frames_or_parts_are_no_passage():
     levels = levels_of(1 + heights() * LAW)
-    few = replace(
-        levels, part_excess_db=levels.part_excess_db[:, : int(ENOUGH_SUB_BANDS) - 1]
-    )
+    few = replace(levels, part_excess_db=levels.part_excess_db[:, : int(ENOUGH_SUB_BANDS) - 1])
     assert not agreement(few, PLACE_S, WIDTH_S).is_passage
     assert agreement(levels, PLACE_S, 0.5).n_parts == 0
 
 
-CROSSING = Scene(speed_mps=6.0, range_m=60.0, closest_s=118.0, length_s=240.0,
-                 rest_hz=(120.0,))  # fmt: skip
+CROSSING = Scene(speed_mps=6.0, range_m=60.0, closest_s=118.0, length_s=240.0, rest_hz=(120.0,))
 
 
 @pytest.mark.slow

@@ -18,17 +18,10 @@ from tests.motion.sonar_scene import (
     Scene,
 )
 from uwtrack_cli.motion.coloured_noise import ColouredNoise
-from uwtrack_cli.motion.target_motion.error_budget import (
-    NuisanceDeviations,
-    error_budget,
-)
+from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations, error_budget
 from uwtrack_cli.motion.target_motion.legs import seek_alteration
 from uwtrack_cli.motion.target_motion.modes import seen_at
-from uwtrack_cli.motion.target_motion.objective import (
-    misfit,
-    misfit_value,
-    residuals,
-)
+from uwtrack_cli.motion.target_motion.objective import misfit, misfit_value, residuals
 from uwtrack_cli.motion.target_motion.observability import information
 
 KINDS = [
@@ -49,9 +42,7 @@ def beside(scene, problem, q):
     """Return motion, best rest frequencies and offsets, by the linear equations."""
     x = scene.truth(offsets=problem.offset_std_rad is not None)
     x[:4] = q
-    free = 4 + np.flatnonzero(
-        np.concatenate([[1, 1], OFFSET_STD_RAD[: x.size - 6] > 0])
-    )
+    free = 4 + np.flatnonzero(np.concatenate([[1, 1], OFFSET_STD_RAD[: x.size - 6] > 0]))
     x[6:] = 0.0
     rows = scene.slopes(problem, x)[:, 4:]
     for _ in range(2):  # linear but for the wrap of angles
@@ -70,9 +61,7 @@ def test_misfit_gradient_and_information_are_those_of_the_residuals_written_out(
     np.testing.assert_allclose(found.rest_hz[0], x[4:6], rtol=1e-9)
     np.testing.assert_allclose(found.gradient[0], rows[:, :4].T @ z, rtol=2e-4)
     square = rows.T @ rows
-    schur = square[:4, :4] - square[:4, 4:] @ np.linalg.solve(
-        square[4:, 4:], square[4:, :4]
-    )
+    schur = square[:4, :4] - square[:4, 4:] @ np.linalg.solve(square[4:, 4:], square[4:, :4])
     np.testing.assert_allclose(found.matrix[0], schur, rtol=1e-3, atol=1e-3)
     r = residuals(problem, q[None])
     np.testing.assert_allclose(r.offset_rad[0], x[6:] if x.size > 6 else 0.0, atol=1e-9)
@@ -83,9 +72,7 @@ def test_misfit_gradient_and_information_are_those_of_the_residuals_written_out(
         ours.covariance(people=False) / np.outer(scale, scale),
         covariance / np.outer(scale, scale), atol=1e-4,
     )  # fmt: skip
-    state = np.array([
-        np.exp(q[0]) * np.sin(q[1]), np.exp(q[0]) * np.cos(q[1]), *q[2:]
-    ])  # fmt: skip
+    state = np.array([np.exp(q[0]) * np.sin(q[1]), np.exp(q[0]) * np.cos(q[1]), *q[2:]])
     value = misfit_value(problem, state[None], x[None, 4:6], np.zeros(1, int))
     assert value[0] == pytest.approx(z @ z, rel=1e-6)
 
@@ -104,14 +91,11 @@ def test_robust_rest_frequencies_and_offsets_are_those_that_scipy_finds(kind, lo
     usual = {"huber": _huber, "student": _cauchy}[loss]
 
     def rho(square):  # priors stay squares
-        return np.where(
-            np.arange(square.size) < 3 * ROWS, usual(square), _plain(square)
-        )
+        return np.where(np.arange(square.size) < 3 * ROWS, usual(square), _plain(square))
 
     peer = least_squares(
-        lambda by: z0 + rows @ by, np.zeros(rows.shape[1]), lambda _: rows,
-        loss=rho, f_scale=scale,
-    )  # fmt: skip
+        lambda by: z0 + rows @ by, np.zeros(rows.shape[1]), lambda _: rows, loss=rho, f_scale=scale
+    )
     found = misfit(problem, STATE[None])
     assert found.value[0] == pytest.approx(2 * peer.cost, rel=2e-3)
     away = (found.rest_hz[0] - x[4:6] - peer.x[:2]) / FREQUENCY_STD_HZ * np.sqrt(ROWS)
@@ -121,10 +105,9 @@ def test_robust_rest_frequencies_and_offsets_are_those_that_scipy_finds(kind, lo
 def _huber(square):
     root = np.sqrt(np.maximum(square, 1.0))
     inside = square <= 1.0
-    return np.stack([
-        np.where(inside, square, 2 * root - 1), 1 / root,
-        np.where(inside, 0.0, -0.5 / root**3),
-    ])  # fmt: skip
+    return np.stack(
+        [np.where(inside, square, 2 * root - 1), 1 / root, np.where(inside, 0.0, -0.5 / root**3)]
+    )
 
 
 def _cauchy(square):

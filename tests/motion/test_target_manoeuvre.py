@@ -22,12 +22,7 @@ from uwtrack_cli.errors import UwtrackNote
 from uwtrack_cli.motion.options import MotionModel, Nuisances
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target_motion.legs import CHANGE_STDS_MPS, seek_alteration
-from uwtrack_cli.motion.target_motion.model import (
-    from_state,
-    predict,
-    state_at,
-    to_state,
-)
+from uwtrack_cli.motion.target_motion.model import from_state, predict, state_at, to_state
 from uwtrack_cli.motion.target_motion.objective import misfit
 from uwtrack_cli.motion.target_motion.problem import MotionPrior
 from uwtrack_cli.motion.target_motion.solvers.marquardt import minimise
@@ -50,16 +45,12 @@ def turning(name, turn_deg, faster_kn, noise, seed=3):
     time = STEP_S * np.arange(-1, COUNT)
     course, start = np.radians([scenario.course_deg, scenario.bearing_deg])
     before = scenario.speed_mps * np.array([np.sin(course), np.cos(course)])
-    speed, course = (
-        scenario.speed_mps + faster_kn * KNOT_MPS, course + np.radians(turn_deg)
-    )  # fmt: skip
+    speed, course = (scenario.speed_mps + faster_kn * KNOT_MPS, course + np.radians(turn_deg))
     after = speed * np.array([np.sin(course), np.cos(course)])
     place = scenario.range_m * np.array([np.sin(start), np.cos(start)])
     place = place + time[:, np.newaxis] * before
     place += np.maximum(time - TURN_S, 0.0)[:, np.newaxis] * (after - before)
-    bearing, frequency = seen(
-        place, np.stack([scenario.own_east_m, scenario.own_north_m], axis=1)
-    )
+    bearing, frequency = seen(place, np.stack([scenario.own_east_m, scenario.own_north_m], axis=1))
     draw = np.random.default_rng(seed).standard_normal((2, COUNT))
     return replace(
         heard(name, noise=noise),
@@ -91,9 +82,7 @@ def state_at_the_end(name, turn_deg, faster_kn):
     speed = scenario.speed_mps + faster_kn * KNOT_MPS
     later = course + np.radians(turn_deg)
     place = scenario.range_m * np.array([np.sin(start), np.cos(start)])
-    place = place + TURN_S * scenario.speed_mps * np.array(
-        [np.sin(course), np.cos(course)]
-    )
+    place = place + TURN_S * scenario.speed_mps * np.array([np.sin(course), np.cos(course)])
     place += (time - TURN_S) * speed * np.array([np.sin(later), np.cos(later)])
     place -= np.array([scenario.own_east_m[-1], scenario.own_north_m[-1]])
     bearing = np.degrees(np.arctan2(*place))
@@ -116,9 +105,7 @@ CHANGES = [(10.0, 0.0, 1.0), (0.0, 1.0, 1.0), (90.0, 0.0, 1.0), (30.0, 0.0, 5.0)
 
 
 @pytest.mark.parametrize(("turn_deg", "faster_kn", "noise"), CHANGES)
-def test_a_target_that_changes_its_velocity_is_told_and_where_it_is_now(
-    turn_deg, faster_kn, noise
-):
+def test_a_target_that_changes_its_velocity_is_told_and_where_it_is_now(turn_deg, faster_kn, noise):
     motions = motions_of(turning("S1-T1", turn_deg, faster_kn, noise), "S1-T1")
     assert set(motions.motion_model) == {"manoeuvre"}
     # a turn of ten degrees at one sigma: the published gain is 160
@@ -133,9 +120,7 @@ def test_a_target_that_changes_its_velocity_is_told_and_where_it_is_now(
     )  # 1 to 10 %: it is not bought with wide deviations
 
 
-@pytest.mark.parametrize(
-    ("turn_deg", "faster_kn", "noise"), [(30.0, 0.0, 1.0), (-60.0, 2.0, 1.0)]
-)
+@pytest.mark.parametrize(("turn_deg", "faster_kn", "noise"), [(30.0, 0.0, 1.0), (-60.0, 2.0, 1.0)])
 def test_every_leg_is_told_with_the_time_of_the_alteration(turn_deg, faster_kn, noise):
     """Against the drawn truth: the state at the first row, and each leg's speed."""
     motions = motions_of(turning("S1-T1", turn_deg, faster_kn, noise), "S1-T1")
@@ -195,11 +180,7 @@ def test_limits_of_an_analyst_count_as_measurements_and_are_said():
     assert found.speed_std_mps[0] <= 2.0 / np.sqrt(12.0) * 1.05
     assert found.range_std_m[0] <= np.log(4.0) / np.sqrt(12.0) * 1.05 * found.range_m[0]
     assert abs(found.range_m[0] - 20_000.0) < 2.0 * found.range_std_m[0]
-    for words in (
-        "20000 m within a factor of 1.5",
-        "4.0 +- 0.6 m/s",
-        "270 +- 40 degrees",
-    ):
+    for words in ("20000 m within a factor of 1.5", "4.0 +- 0.6 m/s", "270 +- 40 degrees"):
         assert words in found.statement
     assert "limits" not in estimate_motion(series, None, own_ship("S3")).statement
 
@@ -236,9 +217,7 @@ def test_partials_of_a_target_with_legs_are_what_small_steps_do(is_delayed):
     medium, state = Medium(SOUND_SPEED_MPS, is_delayed=is_delayed), to_state(q)
     model = predict(problem.track, state[None], medium)
     assert model.bearing_jacobian.shape == (1, 12, COUNT)
-    for place, step in enumerate(
-        [1.0, 1.0] + 2 * [1e-3, 1e-3, 1e-3, 1e-3] + 2 * [1e-3]
-    ):
+    for place, step in enumerate([1.0, 1.0] + 2 * [1e-3, 1e-3, 1e-3, 1e-3] + 2 * [1e-3]):
         shift = step * np.eye(12)[place]
         ends = predict(problem.track, np.stack([state + shift, state - shift]), medium)
         for values, partials in (
@@ -280,9 +259,7 @@ def test_the_odds_of_an_alteration_are_those_of_its_integral():
     state = to_state(q) + found.shift[place, :4].dot(np.stack([east, north])).T
     moved = np.concatenate([from_state(state), np.zeros((east.size, 4))], axis=1)
     moved[:, 2:4] = state[:, 2:]
-    moved[:, 4:] = np.stack(
-        [east, north, at + 0 * east, np.log(1.0) + 0 * east], axis=1
-    )
+    moved[:, 4:] = np.stack([east, north, at + 0 * east, np.log(1.0) + 0 * east], axis=1)
     free = replace(problem, prior=MotionPrior(change_std_mps=1e6))
     value = misfit(free, moved).value
     duration = (0.0 - free.prior.log_duration.mean) ** 2

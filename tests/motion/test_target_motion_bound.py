@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from studies.rows import load_reference
-from studies.tma_scenarios import (
-    TARGETS,
-    make_problem,
-    make_scenario,
-)
+from studies.tma_scenarios import TARGETS, make_problem, make_scenario
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.motion.target_motion.model import to_motion
 from uwtrack_cli.motion.target_motion.observability import (
@@ -92,17 +88,10 @@ def test_several_lines_sharpen_the_range_as_published_and_a_mean_over_them_less(
         problem, truth = problem_of(name), make_scenario(name).solution()
         share = np.array([650.0, 320.0, 150.0])[:, np.newaxis] / 650.0
         weight = problem.frequency_weight / np.array([[1.0], [0.5], [0.25]])
-        three = replace(
-            problem,
-            frequency_hz=problem.frequency_hz * share,
-            frequency_weight=weight,
-        )
-        mean = replace(
-            three, frequency_weight=weight / np.sqrt(3.0), frequency_share=1.0 / 3.0
-        )
+        three = replace(problem, frequency_hz=problem.frequency_hz * share, frequency_weight=weight)
+        mean = replace(three, frequency_weight=weight / np.sqrt(3.0), frequency_share=1.0 / 3.0)
         ours = [
-            np.sqrt(information(case, truth).covariance()[0, 0])
-            for case in (problem, three, mean)
+            np.sqrt(information(case, truth).covariance()[0, 0]) for case in (problem, three, mean)
         ]
         # the draw of the rest frequencies' residuals does not enter: 1 % is rounding
         assert ours == pytest.approx(published, rel=0.01)

@@ -26,9 +26,7 @@ FAINT = 1e-6  # so little noise that the fit shows the model itself
 def track_of(name, doppler):
     scenario = make_scenario(name)
     time = STEP_S * np.arange(-1, COUNT)
-    path = OwnPath(
-        time, scenario.own_east_m, scenario.own_north_m, np.full_like(time, np.nan)
-    )
+    path = OwnPath(time, scenario.own_east_m, scenario.own_north_m, np.full_like(time, np.nan))
     return make_observer_track(path, time[1:], doppler, STEP_S)
 
 
@@ -70,9 +68,7 @@ def test_the_truth_of_the_scenarios_is_what_the_model_predicts(name):
 @pytest.mark.parametrize("height_m", [0.0, 4000.0])
 @pytest.mark.parametrize("delayed", [False, True], ids=["instant", "delayed"])
 @pytest.mark.parametrize("doppler", ["interval", "instantaneous"])
-def test_the_analytic_jacobian_agrees_with_central_differences(
-    doppler, delayed, height_m
-):
+def test_the_analytic_jacobian_agrees_with_central_differences(doppler, delayed, height_m):
     track = track_of("S2", doppler)
     medium = Medium(SOUND_SPEED_MPS, height_m, delayed)
     state = to_state(make_scenario("S2").solution())
@@ -92,9 +88,7 @@ def test_the_analytic_jacobian_agrees_with_central_differences(
 def test_an_opening_range_lowers_the_frequency_and_a_closing_one_raises_it():
     track = track_of("S3", "instantaneous")
     away = np.array([[0.0, 10_000.0, 0.0, 10.0], [0.0, 10_000.0, 0.0, -10.0]])
-    rate = predict(track, away, Medium(SOUND_SPEED_MPS, is_delayed=False)).rate_mps[
-        :, 0
-    ]
+    rate = predict(track, away, Medium(SOUND_SPEED_MPS, is_delayed=False)).rate_mps[:, 0]
     factor = 1.0 - rate / SOUND_SPEED_MPS
     assert factor[0] == pytest.approx(1.0 - 10.0 / SOUND_SPEED_MPS, abs=1e-5)
     assert factor[1] == pytest.approx(1.0 + 10.0 / SOUND_SPEED_MPS, abs=1e-5)
@@ -130,9 +124,7 @@ def test_delayed_sound_points_to_where_the_vessel_was_when_it_was_made():
 def test_a_two_way_doppler_factor_halves_the_range_of_s3_without_a_trace():
     problem = make_problem(make_scenario("S3"), noise=FAINT)
     start = make_scenario("S3").solution()[np.newaxis]
-    doubled = type(problem)(
-        **{**problem.__dict__, "sound_speed_mps": SOUND_SPEED_MPS / 2.0}
-    )
+    doubled = type(problem)(**{**problem.__dict__, "sound_speed_mps": SOUND_SPEED_MPS / 2.0})
     fit = minimise(doubled, start, WIDE)
     chi_square_at_one_sigma = float(fit.value[0]) * FAINT**2
     assert np.exp(fit.q[0, 0]) == pytest.approx(10_000.0, abs=0.5)
@@ -167,10 +159,7 @@ def test_own_ship_follows_an_arc_through_a_turn_and_corners_of_legs():
     radius, rate = 200.0, 0.02
     time = np.array([0.0, 20.0, 40.0])
     arc = OwnPath(
-        time,
-        radius * (1.0 - np.cos(rate * time)),
-        radius * np.sin(rate * time),
-        rate * time,
+        time, radius * (1.0 - np.cos(rate * time)), radius * np.sin(rate * time), rate * time
     )
     between = np.linspace(0.0, 40.0, 81)
     east, north = arc.at(between)

@@ -5,11 +5,7 @@ import pytest
 
 from uwtrack_cli.estimation.robust import white_scatter
 from uwtrack_cli.motion.target_motion.inputs import correlation_inflation
-from uwtrack_cli.motion.target_motion.objective import (
-    loss_curvature,
-    loss_value,
-    loss_weight,
-)
+from uwtrack_cli.motion.target_motion.objective import loss_curvature, loss_value, loss_weight
 
 LOSSES = ("squares", "huber", "student", "tukey")
 

@@ -21,12 +21,7 @@ from studies.tma_runs import (
     single_shots,
     with_feedback,
 )
-from studies.tma_scenarios import (
-    STEP_S,
-    TARGETS,
-    make_problem,
-    make_scenario,
-)
+from studies.tma_scenarios import STEP_S, TARGETS, make_problem, make_scenario
 from studies.tma_study import robust_fits
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.target_motion import modes
@@ -41,8 +36,7 @@ from uwtrack_cli.motion.target_motion.solvers.solvers import solve_mle
 from uwtrack_cli.motion.target_motion.starts import multistart
 
 REFERENCE = load_reference("tma")
-LEAST_SUCCESS = {"S1-T1": 0.97, "S1-T2": 0.83, "S1-T3": 0.99, "S1-T4": 0.99,
-                 "S2": 0.99, "S3": 0.99}  # fmt: skip
+LEAST_SUCCESS = {"S1-T1": 0.97, "S1-T2": 0.83, "S1-T3": 0.99, "S1-T4": 0.99, "S2": 0.99, "S3": 0.99}
 
 
 def departure_from_linear(name, noise, runs, seed):
@@ -72,9 +66,7 @@ def test_estimates_are_what_the_same_noise_gives_to_first_order(name, noise):
     assert departure.max() < (0.05 if noise == 1 else 0.2)
 
 
-@pytest.mark.parametrize(
-    ("name", "noise"), [("S1-T1", 5), ("S1-T2", 5), ("S2", 1), ("S3", 5)]
-)
+@pytest.mark.parametrize(("name", "noise"), [("S1-T1", 5), ("S1-T2", 5), ("S2", 1), ("S3", 5)])
 def test_errors_success_and_chi_square_are_those_of_an_efficient_estimator(name, noise):
     found = accuracy(name, noise, 1000, runs=200, seed=4)
     assert found.ratio.min() > 0.85
@@ -226,9 +218,8 @@ def test_a_simplex_finds_the_end_of_rosenbrocks_valley_as_fast_as_scipys():
     options = {"xatol": 1e-6, "fatol": 1e-14}
     for row, simplex in enumerate(simplices):
         peer = minimize(
-            rosen, starts[row], method="Nelder-Mead",
-            options=options | {"initial_simplex": simplex},
-        )  # fmt: skip
+            rosen, starts[row], method="Nelder-Mead", options=options | {"initial_simplex": simplex}
+        )
         np.testing.assert_allclose(found.point[row], peer.x, atol=1e-5)
         assert found.evaluations[row] < 1.5 * peer.nfev
 
@@ -236,9 +227,8 @@ def test_a_simplex_finds_the_end_of_rosenbrocks_valley_as_fast_as_scipys():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "loss",
-    [*(pytest.param(name, marks=pytest.mark.long) for name in ("huber", "student")),
-     "tukey"],
-)  # fmt: skip
+    [*(pytest.param(name, marks=pytest.mark.long) for name in ("huber", "student")), "tukey"],
+)
 def test_robust_losses_withstand_a_tenth_of_outliers_from_many_starts(loss):
     published = REFERENCE["outliers"]["S3"][loss][0]
     ratio, met = robust_fits("S3", loss, runs=20, seed=13)
@@ -299,8 +289,7 @@ def test_the_profile_interval_of_the_course_follows_a_valley_that_bends():
 
 
 @pytest.mark.parametrize(
-    ("name", "rows", "expected"),
-    [("S3", 1000, True), ("S2", 200, False), ("S1-T4", 200, False)],
+    ("name", "rows", "expected"), [("S3", 1000, True), ("S2", 200, False), ("S1-T4", 200, False)]
 )
 def test_a_joint_ellipse_is_trusted_where_it_holds_the_truth(name, rows, expected):
     """By the true motions of 12 runs: 95 % of them within, or far fewer."""
@@ -356,9 +345,7 @@ def test_modes_weigh_what_laplace_says_of_their_height_and_volume():
     north = np.cos(found.q[:, 1]) > 0.0
     ghosts = found.take(np.array([north.argmax(), north.argmin()]))
     own = ghosts.matrix[0] + np.eye(4) * np.trace(ghosts.matrix[0])
-    ghosts = replace(
-        ghosts, value=np.array([0.0, 2.0]), matrix=np.stack([own, 1.5 * own])
-    )
+    ghosts = replace(ghosts, value=np.array([0.0, 2.0]), matrix=np.stack([own, 1.5 * own]))
     modes = find_modes(problem, ghosts, 5)
     ratio = np.exp(-1.0) / np.sqrt(1.5**4)
     assert modes.weight == pytest.approx([1 / (1 + ratio), ratio / (1 + ratio)], 1e-4)
@@ -378,9 +365,7 @@ def test_a_turning_array_rules_the_ghost_out_as_published(rows):
     assert STEP_S == 6.0
 
 
-@pytest.mark.parametrize(
-    ("rise", "is_apart"), [(0.0, False), (0.9, False), (1.1, True)]
-)
+@pytest.mark.parametrize(("rise", "is_apart"), [(0.0, False), (0.9, False), (1.1, True)])
 def test_minima_are_two_when_a_barrier_lies_between_them(monkeypatch, rise, is_apart):
     """The misfit along the straight line is a cosine that rises by parts of the barrier."""
     ends = np.array([[0.0, 0.1, 0.0, 0.0], [9.0, 0.1, 0.0, 0.0]])
@@ -390,7 +375,5 @@ def test_minima_are_two_when_a_barrier_lies_between_them(monkeypatch, rise, is_a
         return SimpleNamespace(value=50.0 + height)
 
     monkeypatch.setattr(modes, "misfit", hill)
-    fit = SimpleNamespace(
-        q=ends, value=np.full(2, 50.0), matrix=np.stack([np.eye(4)] * 2)
-    )
+    fit = SimpleNamespace(q=ends, value=np.full(2, 50.0), matrix=np.stack([np.eye(4)] * 2))
     assert modes._apart(None, fit, 1, 0) is is_apart

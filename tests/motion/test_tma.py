@@ -42,8 +42,7 @@ def analyse(name, *, options=None, **data):
 
 def off_in_sigmas(motions, name, row=0):
     scenario = make_scenario(name)
-    truth = [scenario.range_m, scenario.bearing_deg, scenario.speed_mps,
-             scenario.course_deg]  # fmt: skip
+    truth = [scenario.range_m, scenario.bearing_deg, scenario.speed_mps, scenario.course_deg]
     ours = [motions.range_m, motions.bearing_deg, motions.speed_mps, motions.course_deg]
     error = np.array([o[row] for o in ours]) - truth
     error[[1, 3]] = (error[[1, 3]] + 180.0) % 360.0 - 180.0
@@ -149,9 +148,7 @@ def test_clocks_that_start_at_different_times_are_brought_together():
 def test_a_gap_costs_precision_only_as_much_as_the_bound_says():
     series = heard("S1-T1")
     kept = np.r_[0:250, 500:1000]
-    motions = estimate_motion(
-        series.take("row", kept), None, own_ship("S1-T1"), **PAPER
-    )
+    motions = estimate_motion(series.take("row", kept), None, own_ship("S1-T1"), **PAPER)
     # published bound: 172 m with the gap, 153 m without; what is told beyond holds an
     # alteration of the target that the record does not exclude
     assert motions.range_std_m[0] > 0.94 * 172.0
@@ -171,9 +168,8 @@ def test_deviations_that_nobody_stated_are_taken_from_the_scatter():
     motions = estimate_motion(bare, None, ship, **PAPER)
     assert motions.range_std_m[0] == pytest.approx(77.9, rel=0.15)
     stated = estimate_motion(
-        bare, None, ship, **PAPER,
-        misfit=Misfit(bearing_std_deg=1.0, frequency_std_hz=0.25),
-    )  # fmt: skip
+        bare, None, ship, **PAPER, misfit=Misfit(bearing_std_deg=1.0, frequency_std_hz=0.25)
+    )
     assert stated.range_m == pytest.approx(analyse("S1-T3").range_m)
 
 
@@ -259,8 +255,7 @@ def test_a_robust_loss_keeps_the_answer_when_a_tenth_of_the_values_are_wrong():
     rng = np.random.default_rng(3)
     wrong = rng.random(1000) < 0.1
     spoilt = replace(
-        series,
-        bearing_deg=np.where(wrong, rng.uniform(0, 360, 1000), series.bearing_deg),
+        series, bearing_deg=np.where(wrong, rng.uniform(0, 360, 1000), series.bearing_deg)
     )
     ship = own_ship("S3")
     squares = Misfit(loss="squares")
@@ -357,9 +352,7 @@ def test_two_lines_in_one_column_are_recognised():
     series = heard("S3")
     mixed = np.where(np.arange(1000)[:, None] % 2, series.frequency_hz, 300.0)
     with pytest.raises(DataError, match="several lines"):
-        estimate_motion(
-            replace(series, frequency_hz=mixed), None, own_ship("S3"), **PAPER
-        )
+        estimate_motion(replace(series, frequency_hz=mixed), None, own_ship("S3"), **PAPER)
 
 
 def test_nothing_and_two_kinds_of_measurements_are_refused():
@@ -419,9 +412,7 @@ def test_a_second_line_with_gaps_sharpens_the_range_and_has_its_own_rest_frequen
     assert motions.rest_line_id.tolist() == [1, 2]
     off = (motions.rest_frequency_hz - [650.0, 320.0]) / motions.rest_frequency_std_hz
     assert np.abs(off).max() < 4.0
-    mean = estimate_motion(
-        both, None, ship, **PAPER, misfit=Misfit(line_weighting="mean")
-    )
+    mean = estimate_motion(both, None, ship, **PAPER, misfit=Misfit(line_weighting="mean"))
     assert mean.range_std_m[0] > motions.range_std_m[0]
     assert off_in_sigmas(mean, "S3") < 18.5
 

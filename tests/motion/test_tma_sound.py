@@ -59,8 +59,7 @@ def squared_sigmas(motions, ship, scene):
     north = PLACES_M[scene][1] + SPEED_MPS * np.cos(course) * at
     east -= np.interp(at, ship.time_s, ship.east_m)
     north -= np.interp(at, ship.time_s, ship.north_m)
-    truth = [np.hypot(east, north), np.degrees(np.arctan2(east, north)), SPEED_MPS,
-             COURSE_DEG]  # fmt: skip
+    truth = [np.hypot(east, north), np.degrees(np.arctan2(east, north)), SPEED_MPS, COURSE_DEG]
     ours = [motions.range_m, motions.bearing_deg, motions.speed_mps, motions.course_deg]
     error = np.array([value[0] for value in ours]) - truth
     error[[1, 3]] = (error[[1, 3]] + 180.0) % 360.0 - 180.0

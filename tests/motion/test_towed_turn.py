@@ -44,9 +44,8 @@ def towed(seed, *, rows=180):
     corners = np.array([-200.0, TURN_S, 1000.0])
     places = ship(corners)
     navigation = Navigation(
-        time_s=corners, east_m=places[0], north_m=places[1],
-        heading_deg=np.full(3, np.nan),
-    )  # fmt: skip
+        time_s=corners, east_m=places[0], north_m=places[1], heading_deg=np.full(3, np.nan)
+    )
     return series, navigation
 
 
@@ -95,9 +94,7 @@ def test_an_array_whose_own_heading_is_in_the_table_is_taken_at_its_word():
     chord = np.degrees(np.arctan2(east - tail[0], north - tail[1]))
     right = replace(series, bearing_deg=(series.bearing_deg - course + chord) % 360.0)
     found = [
-        estimate_motion(
-            as_table(right, chord), updates=1, model=MotionModel(tow_length_m=tow_m)
-        )
+        estimate_motion(as_table(right, chord), updates=1, model=MotionModel(tow_length_m=tow_m))
         for tow_m in (0.0, TOW_M)
     ]
     assert found[0].range_std_m == found[1].range_std_m

@@ -23,9 +23,7 @@ MOVES = np.array([50.0, 2.0, 400.0, 0.0, 30.0])
 def straight():
     theta = np.array([[300.0, np.log(WIDTH_S), SPEED_MPS, 0.0, HEIGHT_M]])
     covariance = np.diag([0.5, 0.5, 0.05, 1.0])[None] ** 2
-    return SimpleNamespace(
-        theta=theta, covariance=covariance, medium=Medium(1500.0, HEIGHT_M)
-    )
+    return SimpleNamespace(theta=theta, covariance=covariance, medium=Medium(1500.0, HEIGHT_M))
 
 
 def scores(best, std):

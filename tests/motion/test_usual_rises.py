@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 from tests.motion.test_sub_bands import TIME, heights, levels_of
-from uwtrack_cli.motion.passage.checks.usual_rises import (
-    FEWEST_LENGTHS,
-    FLANK,
-    stands_out,
-)
+from uwtrack_cli.motion.passage.checks.usual_rises import FEWEST_LENGTHS, FLANK, stands_out
 
 WIDTH_S, PERIOD_S = 2.0, 12.0
 CREST_S = 120.5

@@ -35,9 +35,7 @@ def pictures():
 
 def recipe():
     """The commands of `make figures`, with the recipes' pictures written out."""
-    rule = re.search(
-        r"^figures:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.MULTILINE
-    )
+    rule = re.search(r"^figures:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.MULTILINE)
     text = rule[1].replace("\\\n", " ")
     loop = re.search(r"for name in ([^;]+); do (.*?)done", text)
     lines = [loop[2].replace("$$name", name) for name in loop[1].split()]

@@ -17,11 +17,7 @@ from uwtrack_cli.files.tables.navigation import read_navigation
 from uwtrack_cli.files.tables.series import read_series
 from uwtrack_cli.motion.target_motion.inputs import measurements_from_series
 from uwtrack_cli.motion.tma import estimate_motion
-from uwtrack_cli.plotting.analysis_pages import (
-    draw_motion_map,
-    draw_ranges,
-    motion_residuals,
-)
+from uwtrack_cli.plotting.analysis_pages import draw_motion_map, draw_ranges, motion_residuals
 from uwtrack_cli.plotting.maps import scale_length, sensor_places
 from uwtrack_cli.plotting.page import pages_of
 from uwtrack_cli.plotting.style import draw_ellipse
@@ -74,9 +70,7 @@ def test_every_mode_is_drawn_where_it_starts_and_ends(ax):
 
 
 def test_an_untold_range_is_a_ray_along_the_bearing(ax):
-    draw_motion_map(
-        motions(observable=[False, False], range_m=[np.nan, np.nan]), [], ax
-    )
+    draw_motion_map(motions(observable=[False, False], range_m=[np.nan, np.nan]), [], ax)
     rays = [line.get_xydata() for line in ax.lines if line.get_linestyle() == ":"]
     assert rays[0][1, 0] > 0
     assert rays[0][1, 1] == pytest.approx(0.0, abs=1e-9)
@@ -206,9 +200,7 @@ def test_sensors_with_latitude_stand_apart_on_the_map():
         Sensor(id="b", latitude=there["lat2"], longitude=there["lon2"]),
     ]
     places = sensor_places(sensors, None)
-    assert np.hypot(*np.subtract(places["b"], places["a"])) == pytest.approx(
-        800.0, abs=0.01
-    )
+    assert np.hypot(*np.subtract(places["b"], places["a"])) == pytest.approx(800.0, abs=0.01)
     assert Fixes.NAME == "fixes"
 
 

@@ -75,9 +75,7 @@ def containers(product):
     with read_product(product) as opened:
         keys = without_asides(opened, list(opened.paths))
         found = [held.container for held in small_containers(opened, keys=keys)]
-        return [
-            with_sound(c, [opened]) if isinstance(c, Recording) else c for c in found
-        ]
+        return [with_sound(c, [opened]) if isinstance(c, Recording) else c for c in found]
 
 
 @pytest.fixture(scope="session")
@@ -96,9 +94,7 @@ def test_a_page_tells_a_reading_that_is_not_the_usual_one(containers):
         "motion_model": np.array(["manoeuvre"]),
         "motion_model_probability": np.array([0.67]),
     }
-    other = [
-        replace(c, **changed) if isinstance(c, Encounters) else c for c in containers
-    ]
+    other = [replace(c, **changed) if isinstance(c, Encounters) else c for c in containers]
     (page,) = [p for p in pages_of(other) if p.kind == "passage"]
     texts = [text.get_text() for ax in page.draw(View()).axes for text in ax.texts]
     assert any("manoeuvre, weight 0.67" in text for text in texts)
@@ -148,8 +144,7 @@ def test_a_passage_has_a_strip_per_line_and_no_empty_panel(passage):
 
 def test_the_sound_of_a_strip_lies_on_the_true_doppler_curve(passage):
     """The vessel was simulated at 6 m/s, 250.7 m off, closest 58 s after the start."""
-    (strip,) = [ax for ax in panels(passage)
-                if any(t.get_text() == "310.00 Hz" for t in ax.texts)]  # fmt: skip
+    (strip,) = [ax for ax in panels(passage) if any(t.get_text() == "310.00 Hz" for t in ax.texts)]
     edges_s, edges_hz, level_db = cells_of(strip)
     time_s = 0.5 * (edges_s[1:] + edges_s[:-1])
     offset = 0.5 * (edges_hz[1:] + edges_hz[:-1])
@@ -180,9 +175,7 @@ def test_a_day_shows_what_was_heard_with_its_passages_numbered(day):
     assert "2024-05-01 12:02:28" in words(day)  # what was found stands above
     assert len([ax for ax in day.axes if ax.get_label() == "<colorbar>"]) == 3
     names = [ax.get_ylabel().partition("\n")[0].split(" (")[0] for ax in panels(day)]
-    assert names == [
-        "frequency", "frequency", "", "multiple of", "level 100-1000 Hz", "bearing"
-    ]  # fmt: skip
+    assert names == ["frequency", "frequency", "", "multiple of", "level 100-1000 Hz", "bearing"]
     bars = panels(day)[2]
     assert len(bars.patches) == 1
     assert [t.get_text() for t in bars.get_yticklabels()] == ["passage 1"]
@@ -211,15 +204,12 @@ def test_what_a_fit_leaves_is_marked(containers):
 
 
 def test_without_sound_a_strip_shows_what_was_measured(containers):
-    silent = [replace(c, reader=None) if isinstance(c, Recording) else c
-              for c in containers]  # fmt: skip
+    silent = [replace(c, reader=None) if isinstance(c, Recording) else c for c in containers]
     figure = pages_of(silent)[1].draw(View())
-    (strip,) = [ax for ax in panels(figure)
-                if any(t.get_text() == "63.00 Hz" for t in ax.texts)]  # fmt: skip
+    (strip,) = [ax for ax in panels(figure) if any(t.get_text() == "63.00 Hz" for t in ax.texts)]
     lines = next(c for c in containers if isinstance(c, Lines))
     (points,) = [c for c in strip.collections if len(c.get_offsets()) > 10]
-    own = min(lines.line_id, key=lambda k: abs(
-        np.mean(lines.frequency_hz[lines.line == k]) - 63))  # fmt: skip
+    own = min(lines.line_id, key=lambda k: abs(np.mean(lines.frequency_hz[lines.line == k]) - 63))
     measured = (lines.line == own) & np.isfinite(lines.measured_frequency_hz)
     assert len(points.get_offsets()) == measured.sum()
 
@@ -269,8 +259,7 @@ def test_the_map_shows_the_track_of_ais(containers):
         second=np.full(13, -250.0), speed_mps=np.full(13, 6.0),
         course_deg=np.full(13, 90.0),
     )  # fmt: skip
-    silent = [replace(c, reader=None) if isinstance(c, Recording) else c
-              for c in containers]  # fmt: skip
+    silent = [replace(c, reader=None) if isinstance(c, Recording) else c for c in containers]
     (ax,) = labelled(pages_of(silent, [track])[1].draw(View()), "north")
     assert "AIS FERRY" in [t.get_text() for t in ax.texts]
     (drawn,) = [line for line in ax.lines if len(line.get_xdata()) == 13]
@@ -279,8 +268,7 @@ def test_the_map_shows_the_track_of_ais(containers):
 
 def test_tracks_of_ais_are_metres_from_the_sensor(tmp_path, product):
     """Distances on the map are those of the geodesic."""
-    places = [Geodesic.WGS84.Direct(35.0, 128.5, azimuth, 300.0)
-              for azimuth in (10.0, 90.0, 200.0)]  # fmt: skip
+    places = [Geodesic.WGS84.Direct(35.0, 128.5, azimuth, 300.0) for azimuth in (10.0, 90.0, 200.0)]
     rows = [f"2024-05-01 12:0{2 + k}:30.000,235070762,{g['lat2']},{g['lon2']},90,10"
             for k, g in enumerate(places)]  # fmt: skip
     head = "Time,MMSI,Latitude_degrees,Longitude_degrees,COG_degrees,SOG_knots"
@@ -307,8 +295,7 @@ def test_the_band_of_a_fit_is_its_first_order_deviation(containers):
     fit = ReportedPassage(replace(found, covariance=only), 0)
     value, std = fit.shift(grid)
     step = float(found.speed_std_mps[0])
-    faster = replace(found, slant_range_m=found.slant_range_m
-                     + step * found.range_over_speed_s)  # fmt: skip
+    faster = replace(found, slant_range_m=found.slant_range_m + step * found.range_over_speed_s)
     moved, _ = ReportedPassage(faster, 0).shift(grid)
     np.testing.assert_allclose(std, np.abs(moved - value), rtol=0.02, atol=1e-9)
 
@@ -412,18 +399,15 @@ def test_passages_are_numbered_by_time_whatever_their_contacts(containers):
     page, passage = pages_of(changed)
     assert (passage.contact, passage.number) == (15, 1)
     figure = page.draw(View())
-    badges = [
-        t.get_text() for ax in panels(figure) for t in ax.texts if t.get_bbox_patch()
-    ]
+    badges = [t.get_text() for ax in panels(figure) for t in ax.texts if t.get_bbox_patch()]
     assert badges == ["1"]
     assert "passage 1" in words(passage.draw(View()))
 
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [("30", 30.0), ("12:05", 300.0), ("11:59:59", 86_399.0),
-     ("2024-05-01T12:00:30Z", 30.0)],
-)  # fmt: skip
+    [("30", 30.0), ("12:05", 300.0), ("11:59:59", 86_399.0), ("2024-05-01T12:00:30Z", 30.0)],
+)
 def test_times_are_read(text, expected):
     noon = 1_714_564_800 * 10**9
     assert to_seconds(text, Clock(noon)) == pytest.approx(expected)
@@ -462,8 +446,7 @@ def lab(linear):
         [0.4124, 0.2126, 0.0193], [0.3576, 0.7152, 0.1192], [0.1805, 0.0722, 0.9505]
     ]) / [0.9505, 1.0, 1.089]  # fmt: skip
     f = np.cbrt(np.maximum(xyz, 0.0089))
-    return np.stack([116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]),
-                     200 * (f[:, 1] - f[:, 2])], 1)  # fmt: skip
+    return np.stack([116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])], 1)
 
 
 @pytest.mark.parametrize("kind", MACHADO)
@@ -521,7 +504,7 @@ def test_a_lofargram_of_the_sound_fits_its_length():
     time_s = np.arange(round(20 * rate)) / rate
     samples = rng.standard_normal((time_s.size, 1)) + 0.6 * np.sin(
         2 * np.pi * np.multiply.outer(time_s, [15.0, 400.0])
-    ).sum(axis=1, keepdims=True)  # fmt: skip
+    ).sum(axis=1, keepdims=True)
     samples = samples.astype(np.float32)
     recording = replace(recording_of(samples, rate), reader=Held(samples))
     axis = FrequencyAxis(10.0, 1000.0, is_log=True)
@@ -541,8 +524,7 @@ def test_a_lofargram_of_the_sound_fits_its_length():
 
 @pytest.mark.slow
 def test_short_and_empty_products_have_pages(containers):
-    none = [c.take("encounter", slice(0)) if isinstance(c, Encounters) else c
-            for c in containers]  # fmt: skip
+    none = [c.take("encounter", slice(0)) if isinstance(c, Encounters) else c for c in containers]
     assert len(pages_of(none)) == 1
     (picture,) = [c for c in containers if isinstance(c, Overview)]
     lines = next(c for c in containers if isinstance(c, Lines))
@@ -559,9 +541,7 @@ def test_short_and_empty_products_have_pages(containers):
 def test_numbers_that_no_run_makes_end_in_no_traceback(containers, value):
     def changed(c):
         if isinstance(c, Encounters):
-            return replace(
-                c, rest_frequency_hz=np.full(c.rest_frequency_hz.size, value)
-            )
+            return replace(c, rest_frequency_hz=np.full(c.rest_frequency_hz.size, value))
         if isinstance(c, Overview) and np.isfinite(value):
             return replace(c, frequency_hz=np.full(c.frequency_hz.size, value))
         return replace(c, reader=None) if isinstance(c, Recording) else c
@@ -580,8 +560,7 @@ def test_a_page_draws_what_a_fit_says_of_a_part_alone(containers, monkeypatch):
         return replace(law, rows=rows)
 
     monkeypatch.setattr(ReportedPassage, "_law", part)
-    silent = [replace(c, reader=None) if isinstance(c, Recording) else c
-              for c in containers]  # fmt: skip
+    silent = [replace(c, reader=None) if isinstance(c, Recording) else c for c in containers]
     figure = pages_of(silent)[1].draw(View())
     for name in ("residual", "level", "bearing"):
         assert np.isfinite(labelled(figure, name)[0].get_ylim()).all()
@@ -600,9 +579,7 @@ def test_rates_lie_on_the_spectrum_of_their_envelope():
     spectrum[:, np.isin(rates_hz, (2.5, 7.5, 10.0))] = -20.0
     envelope = replace(overview(spectrum, rates_hz), reference=MODULATION)
     heard = make_presence(
-        {"h1": [SoundSegment("rates", 4.0, 56.0, rates_hz=[2.5, 7.5, 10.0])]},
-        {},
-        "1 uPa",
+        {"h1": [SoundSegment("rates", 4.0, 56.0, rates_hz=[2.5, 7.5, 10.0])]}, {}, "1 uPa"
     )
     (page,) = pages_of([sound, envelope, heard])
     figure = page.draw(View())
@@ -649,9 +626,7 @@ def test_a_paper_column_has_panels_that_keep_apart(containers):
     boxes = [ax.get_tightbbox() for ax in panels(figure)]
     assert len(boxes) >= 3
     for one, other in pairwise(boxes):
-        assert (
-            min(one.y1, other.y1) - max(one.y0, other.y0) < 5.0
-        )  # pixels of 100 an inch
+        assert min(one.y1, other.y1) - max(one.y0, other.y0) < 5.0  # pixels of 100 an inch
     assert all(box.x0 > -1.0 and box.x1 < 341.0 for box in boxes)
 
 
@@ -669,8 +644,7 @@ def test_a_doubtful_passage_says_its_probability(containers):
 
 def test_a_page_says_why_its_picture_is_coarse(containers):
     """A product away from its recording has the overview alone, to a lower band."""
-    away = [replace(c, reader=None) if isinstance(c, Recording) else c
-            for c in containers]  # fmt: skip
+    away = [replace(c, reader=None) if isinstance(c, Recording) else c for c in containers]
     reason = "drawn from the overview: pass.wav is not beside the product"
     assert reason in words(pages_of(away)[0].draw(View()))
     assert "overview" not in words(pages_of(containers)[0].draw(View()))
@@ -682,9 +656,7 @@ def test_a_comb_is_drawn_by_its_multiples():
     frequency = np.arange(1.0, 401.0)
     level = rng.normal(60, 1, (60, 400))
     level[:, (frequency % 25) == 0] += 20.0
-    heard = make_presence(
-        {"h1": [SoundSegment("vessel", 4.0, 56.0, spacing_hz=25.0)]}, {}, "1 uPa"
-    )
+    heard = make_presence({"h1": [SoundSegment("vessel", 4.0, 56.0, spacing_hz=25.0)]}, {}, "1 uPa")
     heard = replace(heard, n_lines=np.array([3]))
     (page,) = pages_of([overview(level, frequency), heard])
     (panel,) = labelled(page.draw(View()), "multiple of")
@@ -692,14 +664,7 @@ def test_a_comb_is_drawn_by_its_multiples():
     rows = np.median(level_db.filled(np.nan), axis=1)
     top = 0.5 * (edges[1:] + edges[:-1])[rows > 10.0]
     assert np.abs(top / 25.0 - np.round(top / 25.0)).max() < 0.05
-    assert [t.get_text() for t in panel.get_yticklabels()] == [
-        "1",
-        "2",
-        "3",
-        "4",
-        "5",
-        "6",
-    ]
+    assert [t.get_text() for t in panel.get_yticklabels()] == ["1", "2", "3", "4", "5", "6"]
 
 
 def test_a_demon_page_marks_shaft_and_blades():

@@ -75,13 +75,7 @@ def deployment(**changes):
 def test_a_folder_is_told_at_a_glance():
     page = Page(deployment_html(deployment(), "spring"))
     assert "3 passages in 3.0 hours of sound" in page.text
-    for word in (
-        "2024-05-01",
-        "2024-05-02",
-        "FERRY",
-        "Without a start time",
-        "a.run.h5",
-    ):
+    for word in ("2024-05-01", "2024-05-02", "FERRY", "Without a start time", "a.run.h5"):
         assert word in page.text
     assert page.tags.count("img") == 2  # the calendar, and the histograms
     assert len(page.addresses) == 4
@@ -97,10 +91,7 @@ def test_the_calendar_cuts_sound_at_midnight():
     assert [x for x, _, _ in bars] == [0.0, 23.0, 23.0]
     (marks,) = [line for line in upper.lines if line.get_linestyle() == "None"]
     np.testing.assert_allclose(marks.get_xdata(), [23.5, 0.5])
-    assert [t.get_text() for t in upper.get_yticklabels()] == [
-        "2024-05-01",
-        "2024-05-02",
-    ]
+    assert [t.get_text() for t in upper.get_yticklabels()] == ["2024-05-01", "2024-05-02"]
 
 
 def test_names_of_a_folder_are_text_and_nothing_more():
@@ -132,9 +123,7 @@ def test_a_reason_is_said_once_with_its_passages():
         row(1, course_deg="no bearing", side="no bearing", time_utc="unknown"),
         row(2, course_deg="no bearing", side="no bearing", speed_mps="no line"),
     ])  # fmt: skip
-    assert said == [
-        "No course, side: no bearing.", "No speed: no line (passage 2)."
-    ]  # fmt: skip
+    assert said == ["No course, side: no bearing.", "No speed: no line (passage 2)."]
 
 
 def test_a_folder_is_reported_by_the_command(uwtrack, noise_wav, tmp_path):
@@ -175,11 +164,7 @@ def test_counts_of_a_folder_add_up():
     assert page.rows["Days"][-1] == ["all", "3.0", "3"]
     assert sum(float(row[1]) for row in page.rows["Days"][1:-1]) == 3.0
     assert sum(int(row[-1]) for row in page.rows["Days"][1:-1]) == 3
-    assert page.rows["Vessels"][1:] == [
-        ["not named", "2"],
-        ["FERRY", "1"],
-        ["all", "3"],
-    ]
+    assert page.rows["Vessels"][1:] == [["not named", "2"], ["FERRY", "1"], ["all", "3"]]
     heads, *rows = page.rows["Passages"]
     assert "speed kn" in heads
     assert rows[0][heads.index("speed kn")] == "9.7 ± 0.2"
@@ -234,9 +219,7 @@ def test_an_ear_hears_the_band_of_a_passage(speed_up):
     [(["--speed-up", "4"], "with --sound"), (["--within-m", "9"], "with --ais"),
      (["--sound", "--speed-up", "99"], "at least 0.1, at most 32"), (["--pages"], "one result file")],
 )  # fmt: skip
-def test_what_a_report_would_not_use_is_refused(
-    uwtrack, timed_run, words, said, tmp_path
-):
+def test_what_a_report_would_not_use_is_refused(uwtrack, timed_run, words, said, tmp_path):
     done = uwtrack("report", timed_run, *words, "-o", "r.html")
     assert done.exit_code == 2
     assert said in " ".join(done.stderr.split())

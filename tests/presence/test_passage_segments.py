@@ -7,11 +7,7 @@ import pytest
 
 from tests.flow.made_encounters import encounters_of
 from uwtrack_cli.presence.line_summary import LineSummary
-from uwtrack_cli.presence.passage_segments import (
-    add_readings,
-    add_refusals,
-    mark_passages,
-)
+from uwtrack_cli.presence.passage_segments import add_readings, add_refusals, mark_passages
 from uwtrack_cli.presence.segment import SoundSegment, segment_of_lines
 
 SOUND_MPS = 343.0
@@ -27,9 +23,7 @@ def received_hz(rest_hz, from_s, to_s):
     arrived_s = TIME_S + emitted_s + (range_m - RANGE_M) / SOUND_MPS
     ratio = np.gradient(emitted_s, arrived_s)
     inside = (arrived_s > from_s) & (arrived_s < to_s)
-    return rest_hz * float(
-        np.average(ratio[inside], weights=np.gradient(arrived_s)[inside])
-    )
+    return rest_hz * float(np.average(ratio[inside], weights=np.gradient(arrived_s)[inside]))
 
 
 def lines_of(rows, contact=2):
@@ -68,9 +62,7 @@ def passage(*refused):
         refused_code=np.full(len(refused), ""),
         refused_probability=np.full(len(refused), np.nan),
         refused_motion_model=np.array([STILL.get(one, "") for one in reason], np.str_),
-        refused_motion_model_probability=np.array(
-            [WEIGHT.get(one, np.nan) for one in contact]
-        ),
+        refused_motion_model_probability=np.array([WEIGHT.get(one, np.nan) for one in contact]),
         refused_alternative_motion_model=np.full(len(refused), "constant"),
         refused_alternative_motion_model_probability=np.full(len(refused), 0.1),
     )
@@ -108,17 +100,10 @@ def test_steady_lines_at_the_rest_frequencies_are_others(kind):
 
 def test_of_lines_that_nothing_joins_the_passages_own_are_taken_out():
     others = [(181.0, 10.0, 90.0), (512.0, 10.0, 90.0)]
-    found = [
-        told("lines", pieces(20.0, 49.0) + others),
-        told("unknown", pieces(51.0, 70.0)),
-    ]
+    found = [told("lines", pieces(20.0, 49.0) + others), told("unknown", pieces(51.0, 70.0))]
     mark_passages(passage(), found)
     rest, hers = found
-    assert (rest.kind, rest.encounter, rest.frequencies_hz) == (
-        "lines",
-        0,
-        [181.0, 512.0],
-    )
+    assert (rest.kind, rest.encounter, rest.frequencies_hz) == ("lines", 0, [181.0, 512.0])
     assert (hers.kind, hers.encounter, len(hers.frequencies_hz)) == ("vessel", 1, 6)
     assert (hers.from_s, hers.to_s) == (20.0, 70.0)
 
@@ -184,7 +169,7 @@ def test_a_segment_is_read_as_all_of_its_contacts_are(reasons, read):
     if read[1] is None:
         assert "motion_model" in found[0].reasons()
     else:
-        assert (
-            found[0].motion_model_probability,
-            found[0].alternative_motion_model,
-        ) == (read[1], "constant")
+        assert (found[0].motion_model_probability, found[0].alternative_motion_model) == (
+            read[1],
+            "constant",
+        )

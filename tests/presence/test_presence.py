@@ -47,9 +47,7 @@ def clock(duration_s=STEADY_S):
 def comb(spacing_hz, teeth, snr_db, time):
     """Tones over white noise of unit density; the ratio is that in 1 Hz."""
     size = np.sqrt(2.0 * 10 ** (snr_db / 10))
-    return size * sum(
-        np.cos(2 * np.pi * (k * spacing_hz * time + 0.37 * k * k)) for k in teeth
-    )
+    return size * sum(np.cos(2 * np.pi * (k * spacing_hz * time + 0.37 * k * k)) for k in teeth)
 
 
 def kinds(presence):
@@ -227,12 +225,7 @@ def test_rates_at_random_are_seldom_a_family():
     rng = np.random.default_rng(1)
     found = sum(
         len(
-            rate_families(
-                rng.uniform(0.5, 50, 4),
-                np.full(4, 0.01),
-                np.zeros(4),
-                np.full(4, 0.125),
-            )
+            rate_families(rng.uniform(0.5, 50, 4), np.full(4, 0.01), np.zeros(4), np.full(4, 0.125))
         )
         for _ in range(400)
     )
@@ -244,18 +237,14 @@ def test_shaft_and_blades_are_one_family_with_the_right_shaft():
     for shaft in (0.9, 2.4, 6.3):
         true = shaft * np.array([1, 4, 8])
         rates = true + 0.004 * rng.standard_normal(3)
-        (one,) = rate_families(
-            rates, np.full(3, 0.004), np.array([0.0, 9, 4]), np.full(3, 0.125)
-        )
+        (one,) = rate_families(rates, np.full(3, 0.004), np.array([0.0, 9, 4]), np.full(3, 0.125))
         assert abs(one.shaft_hz - shaft) < 4 * one.shaft_std_hz
         assert one.blade_hz == pytest.approx(4 * shaft, rel=1e-2)
 
 
 @pytest.fixture
 def ran(uwtrack, samples):
-    done = uwtrack(
-        "run", samples / "propeller.wav", "--recipe", "presence", "-o", "p.run.h5"
-    )
+    done = uwtrack("run", samples / "propeller.wav", "--recipe", "presence", "-o", "p.run.h5")
     assert done.exit_code == 0, done.output
     return done
 
@@ -302,9 +291,8 @@ def test_every_place_that_finds_nobody_names_what_to_try(uwtrack, words, named):
     soundfile.write("noise.wav", noise / 30, int(RATE_HZ))
     done = uwtrack("run", "noise.wav", *words.split(), "-o", "n.run.h5")
     live = uwtrack(
-        "run", "-", *words.split(), "-o", "l.run.h5",
-        input=Path("noise.wav").read_bytes(),
-    )  # fmt: skip
+        "run", "-", *words.split(), "-o", "l.run.h5", input=Path("noise.wav").read_bytes()
+    )
     shown = uwtrack("show", "n.run.h5")
     assert uwtrack("report", "n.run.h5").exit_code == 0
     for text in (done.stderr, live.stderr, shown.stderr, Path("n.html").read_text()):
@@ -325,11 +313,7 @@ def test_a_vessel_without_lines_is_told_by_its_blades(uwtrack, ran):
     assert row["from_utc"] is None
     assert set(row["reasons"]) >= {"encounter", "from_utc", "level_db"}
     # lines that only presence reads do not hide those of the sound
-    for words in (
-        "show p.run.h5 lines",
-        "report p.run.h5",
-        "presence p.run.h5 -o q.h5",
-    ):
+    for words in ("show p.run.h5 lines", "report p.run.h5", "presence p.run.h5 -o q.h5"):
         assert uwtrack(*words.split()).exit_code == 0
     table = uwtrack("show", "p.run.h5", "presence")
     head, *rows = table.stdout.splitlines()
@@ -341,10 +325,7 @@ def test_a_vessel_without_lines_is_told_by_its_blades(uwtrack, ran):
     assert uwtrack("show", "p.run.h5", "overview").stdout != envelope.stdout
     assert len(rows) == len(json.loads(shown.stdout))
     assert max(map(len, (head, *rows))) <= 80
-    assert (
-        f"rates from {row['from_s']:.0f} s: {row['reasons']['encounter']}"
-        in table.stderr
-    )
+    assert f"rates from {row['from_s']:.0f} s: {row['reasons']['encounter']}" in table.stderr
     chosen = uwtrack("show", "p.run.h5", "lines", "--step", "rates", "--format", "json")
     assert json.loads(chosen.stdout)["reference"] == "modulation"
 
@@ -372,16 +353,14 @@ def test_the_kinds_are_those_of_the_schema(uwtrack):
 def test_a_vector_sensor_gives_the_bearing_of_the_blades():
     time = clock(180.0)
     bearing = np.radians(70.0)
-    blades = 1 + 0.6 * np.cos(2 * np.pi * 9.6 * time) + 0.3 * np.cos(
-        2 * np.pi * 2.4 * time)  # fmt: skip
+    blades = 1 + 0.6 * np.cos(2 * np.pi * 9.6 * time) + 0.3 * np.cos(2 * np.pi * 2.4 * time)
     vessel = white_noise(time.size, 11) * blades
     noise = white_noise(3 * time.size, 12).reshape(-1, 3) * [1, 0.577, 0.577]
     gains = np.array([1, np.sin(bearing), np.cos(bearing)])
     presence, _ = heard(noise + vessel[:, None] * gains, DIFAR)
-    rows = np.flatnonzero([
-        presence.owned_rows("rate_segment", i).size > 1
-        for i in range(presence.from_s.size)
-    ])  # fmt: skip
+    rows = np.flatnonzero(
+        [presence.owned_rows("rate_segment", i).size > 1 for i in range(presence.from_s.size)]
+    )
     assert rows.size
     assert presence.bearing_deg[rows[0]] == pytest.approx(70.0, abs=6.0)
 

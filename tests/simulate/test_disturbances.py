@@ -39,25 +39,16 @@ def levels_db(sound, size):
 
 
 def test_rain_is_white_above_its_corner_and_falls_by_12_db_an_octave_below():
-    rain = {
-        "peak_s": 100.0, "hold_s": 120.0, "rise_s": 30.0, "fall_s": 40.0,
-        "density_db": 80.0,
-    }  # fmt: skip
-    sound = listen(
-        scene(
-            duration_s=220.0,
-            sample_rate_hz=4000.0,
-            noise=QUIET | {"rain": [rain]},
-        )
-    )[:, 0]
+    rain = {"peak_s": 100.0, "hold_s": 120.0, "rise_s": 30.0, "fall_s": 40.0, "density_db": 80.0}
+    sound = listen(scene(duration_s=220.0, sample_rate_hz=4000.0, noise=QUIET | {"rain": [rain]}))[
+        :, 0
+    ]
     hertz, full = density_db(sound[45 * 4000 : 155 * 4000], 4000.0, 8192)
 
     def near(frequency):
         return full[np.abs(hertz - frequency) < 40.0].mean()
 
-    assert [near(f) for f in (700.0, 1200.0, 1800.0)] == pytest.approx(
-        [80.0] * 3, abs=0.3
-    )
+    assert [near(f) for f in (700.0, 1200.0, 1800.0)] == pytest.approx([80.0] * 3, abs=0.3)
     assert near(250.0) == pytest.approx(68.0, abs=0.6)
     assert near(125.0) == pytest.approx(56.0, abs=1.2)
     level = levels_db(sound, 4000)
@@ -130,9 +121,7 @@ def test_shrimp_snap_at_their_rate_above_their_lowest_frequency():
     low, high = np.quantile(peaks_db, [0.159, 0.841])
     assert 0.5 * (high - low) == pytest.approx(4.0, abs=0.5)
     hertz, full = density_db(sound, 16_000.0)
-    assert (
-        full[hertz < 1700.0].max() < full[(hertz > 2500) & (hertz < 7500)].mean() - 15
-    )
+    assert full[hertz < 1700.0].max() < full[(hertz > 2500) & (hertz < 7500)].mean() - 15
 
 
 def test_shrimp_above_the_band_of_the_recording_leave_nothing():
@@ -186,9 +175,7 @@ def test_a_drifting_machine_has_its_deviation():
 
 def test_a_stepping_machine_keeps_to_its_steps():
     hertz = course_hz(machine(step_fraction=0.05, step_every_s=50.0), 400.0)
-    share = (
-        np.median(hertz[: hertz.size // 400 * 400].reshape(-1, 400), axis=1) / 60 - 1
-    )
+    share = np.median(hertz[: hertz.size // 400 * 400].reshape(-1, 400), axis=1) / 60 - 1
     assert np.abs(share).max() <= 0.0502
     assert np.quantile(np.abs(share), 0.05) >= 0.0095
     jumps = np.abs(np.diff(share)) > 1e-4
@@ -219,9 +206,7 @@ def test_a_machine_lies_in_its_bearing_however_the_housing_is_turned(heading_deg
 
 
 def test_the_integral_of_a_speed_course_is_that_of_fine_steps():
-    course = SpeedCourse(
-        np.array([2.0, 3.0, 5.0, 5.5]), np.array([0.1, 0.3, -0.2, 0.0])
-    )
+    course = SpeedCourse(np.array([2.0, 3.0, 5.0, 5.5]), np.array([0.1, 0.3, -0.2, 0.0]))
     changed = SpeedCourse(course.time_s, course.deviation + 0.05)
     time_s = np.linspace(-1.0, 9.0, 200_001)
     for each in (course, changed):
@@ -413,9 +398,7 @@ def test_a_disturbance_that_cannot_be_made_is_refused(changes, message):
 
 
 def test_steps_of_a_machine_never_overlap():
-    plan = Machine(
-        fundamental_hz=50.0, levels_db=(1.0,), step_fraction=0.05, step_every_s=1.0
-    )
+    plan = Machine(fundamental_hz=50.0, levels_db=(1.0,), step_fraction=0.05, step_every_s=1.0)
     course = draw_steps((3,), plan, 600.0)
     assert np.all(np.diff(course.time_s) > 0.0)
     assert course.time_s.size > 200

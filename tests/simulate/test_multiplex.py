@@ -65,10 +65,7 @@ def test_the_radio_makes_the_noise_that_is_stated():
     [
         ({"kind": "omni"}, 'multiplex goes with kind = "difar"'),
         ({"axes": "housing"}, 'multiplex goes with kind = "difar"'),
-        (
-            {"multiplex": {"dipoles": ["east", "-east"]}},
-            "names east and north once each",
-        ),
+        ({"multiplex": {"dipoles": ["east", "-east"]}}, "names east and north once each"),
         ({"multiplex": {"sample_rate_hz": 44_100.5}}, "must be whole"),
         ({"multiplex": {"sample_rate_hz": 32_000.0}}, "at least 36000"),
     ],

@@ -102,9 +102,7 @@ def test_every_place_follows_the_ships_way():
 def test_block_size_changes_no_bit():
     noise = {"density_db": 70.0}
     scenario = scene({**ARRAY, "track": TURNING, "tow_offset_m": 40.0}, noise=noise)
-    assert (
-        samples_of(scenario, 777).tobytes() == samples_of(scenario, 100_000).tobytes()
-    )
+    assert samples_of(scenario, 777).tobytes() == samples_of(scenario, 100_000).tobytes()
 
 
 def test_the_files_say_what_the_owner_knows(tmp_path):
@@ -147,6 +145,4 @@ def test_a_fixed_array_states_its_heading(tmp_path):
 )  # fmt: skip
 def test_what_cannot_be_simulated_is_refused(sensor, noise, words):
     with pytest.raises(OptionError, match=words):
-        simulate_recordings(
-            scene(sensor, **({} if noise is None else {"noise": noise}))
-        )
+        simulate_recordings(scene(sensor, **({} if noise is None else {"noise": noise})))

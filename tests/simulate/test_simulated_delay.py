@@ -26,18 +26,14 @@ def straight_passage(time_s, speed, slant, c, t0):
         (0.3, 5000.0, 100.0, 1450.0, 500.0, -40.0),
     ],
 )
-def test_delay_follows_the_closed_form_to_a_nanosecond(
-    speed, horizontal, depth, c, rate, t0
-):
+def test_delay_follows_the_closed_form_to_a_nanosecond(speed, horizontal, depth, c, rate, t0):
     north = Trajectory(((t0, horizontal, 0.0, 0.0, speed, 0.0),))
     path = Path(north, 3.0, fixed(0.0, 0.0), 3.0 + depth, c)
     count = 40 * FIRST_STEP * 4
     first = FIRST_STEP * int((t0 * rate - count / 2) / FIRST_STEP)
     delay, east, up = path.along(first, count, rate)
     time_s = (first + np.arange(count)) / rate
-    distance, emitted = straight_passage(
-        time_s, speed, np.hypot(horizontal, depth), c, t0
-    )
+    distance, emitted = straight_passage(time_s, speed, np.hypot(horizontal, depth), c, t0)
     np.testing.assert_allclose(delay, distance / c, rtol=0, atol=1e-9)
     np.testing.assert_allclose(east, horizontal / distance, rtol=0, atol=1e-4)
     np.testing.assert_allclose(up, speed * emitted / distance, rtol=0, atol=1e-4)
@@ -72,9 +68,7 @@ def test_delay_between_two_turning_platforms_meets_its_definition():
     for _ in range(60):
         middle = 0.5 * (low + high)
         there = ship.at(time_s - middle)
-        distance = np.sqrt(
-            (there[0] - here[0]) ** 2 + (there[1] - here[1]) ** 2 + 38.0**2
-        )
+        distance = np.sqrt((there[0] - here[0]) ** 2 + (there[1] - here[1]) ** 2 + 38.0**2)
         early = distance > 1480.0 * middle
         low, high = np.where(early, middle, low), np.where(early, high, middle)
     np.testing.assert_allclose(delay, 0.5 * (low + high), rtol=0, atol=1e-9)

@@ -115,9 +115,7 @@ def test_frequency_jitter_shifts_all_lines_of_a_vessel_by_one_fraction():
         for f, level in ((100.0, 170.0), (300.0, 150.0))
     ]
     jitter = {"fraction": 1e-3, "correlation_s": 20.0}
-    source = vessel(
-        closest_approach=None, track=still, line=lines, frequency_jitter=jitter
-    )
+    source = vessel(closest_approach=None, track=still, line=lines, frequency_jitter=jitter)
     heard = listen(scene(vessel=[source], duration_s=120.0))[:, 0]
     time_s = np.arange(heard.size) / 1000.0
     fractions = []

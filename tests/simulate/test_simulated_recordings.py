@@ -97,11 +97,7 @@ def test_uncalibrated_sensor_keeps_its_scale_from_the_user():
 
 
 def test_clock_and_position_errors_stay_hidden_from_the_owner():
-    facts = {
-        "clock_offset_s": 2.0,
-        "clock_error_s": 0.5,
-        "position_error_m": [3.0, -4.0],
-    }
+    facts = {"clock_offset_s": 2.0, "clock_error_s": 0.5, "position_error_m": [3.0, -4.0]}
     start = {"start_utc": "2024-05-01T12:00:00Z"}
     recording = simulate_recordings(scene(sensor=[OMNI | facts], **start))[0]
     # stamp + known offset = true time + hidden error

@@ -47,9 +47,7 @@ def test_line_has_phase_and_amplitude_of_the_exact_passage():
 
 def test_each_harmonic_is_weaker_by_the_stated_step():
     still = {"course_deg": 0.0, "speed_mps": 0.0, "north_m": 100.0}
-    line = {
-        "fundamental_hz": 50.0, "harmonics": 3, "step_db": -6.0, "source_level_db": 160.0
-    }  # fmt: skip
+    line = {"fundamental_hz": 50.0, "harmonics": 3, "step_db": -6.0, "source_level_db": 160.0}
     source = vessel(closest_approach=None, track=still, line=[line])
     received = listen(scene(vessel=[source], duration_s=20.0))[:, 0]
     amplitude = 2.0 * np.abs(np.fft.rfft(received)) / received.size
@@ -71,9 +69,7 @@ def test_line_has_its_rest_frequency_when_the_abeam_sound_arrives():
 def test_surface_image_makes_the_fringes_of_two_rays():
     still = {"east_m": 250.0, "course_deg": 0.0, "speed_mps": 0.0}
     for depth in (3.0, 11.0, 24.0):
-        source = vessel(
-            closest_approach=None, track=still, surface_image=0.9, source_depth_m=depth
-        )
+        source = vessel(closest_approach=None, track=still, surface_image=0.9, source_depth_m=depth)
         received = listen(scene(vessel=[source], duration_s=10.0))[:, 0]
         direct, image = np.hypot(250.0, 22.0 - depth), np.hypot(250.0, 22.0 + depth)
         wave = 2j * np.pi * 126.0 / C
@@ -178,9 +174,7 @@ def test_intensity_points_along_the_bearing_of_the_exact_passage(side, course_de
 def test_dipoles_lose_the_cosine_of_the_elevation():
     way = PASSAGE | {"horizontal_range_m": 30.0, "time_s": 5.0}
     quiet = scene(
-        sensor=[DIFAR | {"depth_m": 43.0}],
-        vessel=[vessel(closest_approach=way)],
-        duration_s=10.0,
+        sensor=[DIFAR | {"depth_m": 43.0}], vessel=[vessel(closest_approach=way)], duration_s=10.0
     )
     received = listen(quiet)
     omni, east, north = (received**2).reshape(-1, 100, 3).sum(axis=1).T
@@ -239,9 +233,7 @@ def test_line_steps_by_the_change_of_closing_speed_in_a_turn():
 
 def test_range_law_follows_the_stated_spreading():
     for spreading in (10.0, 15.0, 20.0):
-        received = listen(scene(vessel=[vessel(spreading_db_per_decade=spreading)]))[
-            :, 0
-        ]
+        received = listen(scene(vessel=[vessel(spreading_db_per_decade=spreading)]))[:, 0]
         power = (received**2).reshape(-1, 500).mean(axis=1)
         distance, _, _ = passage((np.arange(120) + 0.5) / 2, 81.0, "port")
         constant = 10 * np.log10(power) + spreading * np.log10(distance)

@@ -17,9 +17,7 @@ def only(scenario):
     return facts["encounters"][0]
 
 
-@pytest.mark.parametrize(
-    ("side", "bearing"), [("port", 81.0 + 90.0), ("starboard", 351.0)]
-)
+@pytest.mark.parametrize(("side", "bearing"), [("port", 81.0 + 90.0), ("starboard", 351.0)])
 def test_encounter_states_the_passage_that_was_asked_for(side, bearing):
     found = only(scene(vessel=[vessel(closest_approach=PASSAGE | {"side": side})]))
     slant = np.hypot(100.0, 19.0)
@@ -35,9 +33,7 @@ def test_encounter_states_the_passage_that_was_asked_for(side, bearing):
 
 
 def test_knots_and_slant_ranges_mean_the_same_passage():
-    way = {
-        k: v for k, v in PASSAGE.items() if k not in ("speed_mps", "horizontal_range_m")
-    }
+    way = {k: v for k, v in PASSAGE.items() if k not in ("speed_mps", "horizontal_range_m")}
     way |= {"speed_kn": 8.0 / KNOT_MPS, "slant_range_m": np.hypot(100.0, 19.0)}
     got, asked = (
         only(scene(vessel=[vessel(closest_approach=way)])),
@@ -86,9 +82,7 @@ def test_track_of_the_truth_passes_the_closest_approach():
     away = np.hypot(track["east_m"], track["north_m"])
     assert track["time_s"][away.argmin()] == 30.0
     assert away.min() == pytest.approx(100.0, abs=1e-3)
-    np.testing.assert_allclose(
-        np.diff(track["east_m"]), track["velocity_east_mps"][1:], atol=1e-3
-    )
+    np.testing.assert_allclose(np.diff(track["east_m"]), track["velocity_east_mps"][1:], atol=1e-3)
 
 
 def test_truth_of_one_sensor_leaves_out_the_other():
@@ -143,9 +137,7 @@ def test_unclear_scenario_is_refused_with_its_place(changes, message):
         (vessel(closest_approach=PASSAGE | {"sensor": "h9"}), "h9"),
         (
             vessel(
-                closest_approach={
-                    k: v for k, v in PASSAGE.items() if k != "horizontal_range_m"
-                }
+                closest_approach={k: v for k, v in PASSAGE.items() if k != "horizontal_range_m"}
                 | {"slant_range_m": 5.0}
             ),
             "depth difference",

@@ -48,9 +48,7 @@ def test_a_tone_is_in_its_band_alone_with_its_mean_square():
 def test_blocks_have_no_influence(average_s):
     noise = white_noise(int(RATE_HZ) * 60, 3, rate_hz=RATE_HZ)
     block = list(compute_spectrogram(recording_of(noise, RATE_HZ)))
-    cut = [
-        one.take("frame", slice(k, k + 3)) for one in block for k in range(0, 999, 3)
-    ]
+    cut = [one.take("frame", slice(k, k + 3)) for one in block for k in range(0, 999, 3)]
     cut = [one for one in cut if one.frames.n_frames]
     whole, parts = (
         Decidecades.join(list(measure_decidecades(iter(b), average_s=average_s)))

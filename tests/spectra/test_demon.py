@@ -135,7 +135,7 @@ def test_missing_samples_lower_the_valid_fraction_and_stay_where_they_are():
         ({"rate_hz": (10.0, 10.2)}, "at least 8 are needed"),
         ({"band_hz": (1800.0, 400.0)}, "increasing"),
     ],
-)  # fmt: skip
+)
 def test_what_does_not_fit_the_sound_is_refused_in_a_sentence(options, text):
     with pytest.raises(OptionError, match=text):
         demodulate(recording_of(white_noise(80_000, 1), RATE_HZ), **options)
@@ -150,9 +150,7 @@ def test_a_window_longer_than_the_sound_is_refused_with_the_remedy():
     ("duration_s", "fs", "why"),
     [(2.0, 4000.0, "lasts 2 s, .* need 3 s"), (60.0, 100.0, "need 1000 Hz or more")],
 )
-def test_a_recording_without_room_for_rates_has_no_frame_and_says_so(
-    duration_s, fs, why
-):
+def test_a_recording_without_room_for_rates_has_no_frame_and_says_so(duration_s, fs, why):
     recording = recording_of(white_noise(round(duration_s * fs), 1), fs)
     with pytest.warns(UwtrackWarning, match=why):
         (block,) = demodulate(recording)
@@ -168,9 +166,7 @@ def test_the_overlap_is_as_stated_in_a_short_recording():
 
 def test_the_band_and_the_window_follow_the_recording():
     recording = recording_of(white_noise(48_000, 1), 2000.0)
-    open_options = {
-        "band_hz": None, "window_s": None, "rate_hz": (0.2, 50.0), "decimation": None,
-    }  # fmt: skip
+    open_options = {"band_hz": None, "window_s": None, "rate_hz": (0.2, 50.0), "decimation": None}
     found = resolve_demon(recording, open_options)
     assert found == {"band_hz": (225.0, 900.0), "window_s": 8.0, "decimation": 1}
     fast = replace(recording, sample_rate_hz=96_000.0)

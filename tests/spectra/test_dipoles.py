@@ -26,11 +26,7 @@ from uwtrack_cli.spectra.levels import measure_levels
 from uwtrack_cli.spectra.peak_bearings import angle_by_whitened
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
-FAULTS = {
-    "dipole_gains": "0.8,1.3",
-    "dipole_crosstalk": 0.1,
-    "omni_crosstalk": "0.2,-0.1",
-}
+FAULTS = {"dipole_gains": "0.8,1.3", "dipole_crosstalk": 0.1, "omni_crosstalk": "0.2,-0.1"}
 
 
 def heard_by(faults, bearing_deg, axes="east,north", **facts):
@@ -88,9 +84,7 @@ def test_exchanged_and_inverted_dipoles_are_told(channels, words):
 
     def wrong(n_samples):
         for block in reader(n_samples):
-            yield np.stack(
-                [np.sign(c or 1) * block[:, abs(c)] for c in channels], axis=1
-            )
+            yield np.stack([np.sign(c or 1) * block[:, abs(c)] for c in channels], axis=1)
 
     with pytest.raises(DataError, match=words):
         calibrate_sensor(replace(recording, reader=wrong), truth)
@@ -164,17 +158,13 @@ def test_the_command_writes_a_new_sensor_file_and_never_over_another(uwtrack, tm
     other = uwtrack(*words, "-o", "b.sensor.toml")
     assert other.exit_code == 0
     assert "orientation_deg" in other.stderr
-    (tmp_path / "ais.csv").write_text(
-        ais_of(json.loads((tmp_path / "a.truth.json").read_text()))
-    )
+    (tmp_path / "ais.csv").write_text(ais_of(json.loads((tmp_path / "a.truth.json").read_text())))
     words[3] = "ais.csv"
     known = ["--start-utc", "2024-05-01T12:00:00Z", "--vessel", "ferry"]
     done = uwtrack(*words, *known, "-o", "c.sensor.toml", "--json")
     assert done.exit_code == 0, done.output
     by_ais = json.loads(done.stdout)
-    assert (
-        abs(by_ais["compass_offset_deg"] + 12.0) < 3.0 * by_ais["compass_std_deg"] + 0.5
-    )
+    assert abs(by_ais["compass_offset_deg"] + 12.0) < 3.0 * by_ais["compass_std_deg"] + 0.5
     assert by_ais["compass_std_deg"] > found["compass_std_deg"]  # of places and clocks
     unknown = uwtrack(*words, "-o", "d.sensor.toml")
     assert unknown.exit_code == 1
@@ -189,9 +179,7 @@ def ais_of(truth):
         east, north = track["east_m"][k], track["north_m"][k]
         azimuth = np.degrees(np.arctan2(east, north))
         place = Geodesic.WGS84.Direct(35.0, 128.5, azimuth, np.hypot(east, north))
-        clock = datetime(2024, 5, 1, 12, tzinfo=UTC) + timedelta(
-            seconds=track["time_s"][k]
-        )
+        clock = datetime(2024, 5, 1, 12, tzinfo=UTC) + timedelta(seconds=track["time_s"][k])
         lines.append(
             f"123456789,{clock:%Y-%m-%dT%H:%M:%S}Z,{place['lat2']:.6f},"
             f"{place['lon2']:.6f},11.66,81.0,FERRY"
@@ -216,9 +204,7 @@ def test_options_out_of_range_are_refused(uwtrack, words, told):
 def test_faults_of_dipoles_need_dipoles(tmp_path):
     path = tmp_path / "h.toml"
     path.write_text('id = "h"\ndipole_gains = [1.0, 1.1]\n')
-    with pytest.raises(
-        (DataError, OptionError), match="belongs to a sensor with dipoles"
-    ):
+    with pytest.raises((DataError, OptionError), match="belongs to a sensor with dipoles"):
         load_sensor(path)
 
 
@@ -232,20 +218,15 @@ def test_directed_ambient_sound_does_not_draw_broadband_bearings(snr_db):
 
 
 @pytest.mark.parametrize(
-    ("share", "snr_db", "apart_deg"),
-    [(0.5, 0.0, 90.0), (0.9, 3.0, 90.0), (0.5, 6.0, 45.0)],
-)  # fmt: skip
-def test_directed_ambient_sound_draws_no_bearing_of_a_weak_line(
-    share, snr_db, apart_deg
-):
+    ("share", "snr_db", "apart_deg"), [(0.5, 0.0, 90.0), (0.9, 3.0, 90.0), (0.5, 6.0, 45.0)]
+)
+def test_directed_ambient_sound_draws_no_bearing_of_a_weak_line(share, snr_db, apart_deg):
     """Without what foretells the noise, 0, 6 and 3 dB gave 38, 10 and 36 degrees.
 
     45 degrees aside, the directions of single frames gave 12 and 6 degrees at 3 and 6 dB,
     with deviations 1.5 and 1.4 times too small.
     """
-    error, std = line_pull(
-        snr_db, share=share, apart_deg=apart_deg, length_s=1600.0, seed=5
-    )
+    error, std = line_pull(snr_db, share=share, apart_deg=apart_deg, length_s=1600.0, seed=5)
     mean, spread, ratio = weighed(error, std)
     assert error.size > 200
     assert abs(mean) < 0.15 * np.median(std) + 3.0 * spread

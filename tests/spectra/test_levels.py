@@ -143,13 +143,8 @@ def test_a_band_beyond_the_recorders_filter_has_no_weight(bits, edge):
         low = ellip(6, 0.1, 100.0, 350.0, fs=RATE_HZ, output="sos")
         samples = sosfilt(low, samples, axis=0)
     samples = np.round(0.02 * samples * 2.0 ** (bits - 1)) / 2.0 ** (bits - 1)
-    whole, inside = (
-        levels_of(samples, DIFAR),
-        levels_of(samples, DIFAR, band_hz=(100.0, 330.0)),
-    )
-    error, least = (
-        (made.bearing_deg - 300.0 + 180.0) % 360.0 - 180.0 for made in (whole, inside)
-    )
+    whole, inside = (levels_of(samples, DIFAR), levels_of(samples, DIFAR, band_hz=(100.0, 330.0)))
+    error, least = ((made.bearing_deg - 300.0 + 180.0) % 360.0 - 180.0 for made in (whole, inside))
     # sub-bands are wide beside the filter's edge: some of the sound is lost there
     assert error.std() < 1.3 * least.std()
     scaled = error / whole.bearing_std_deg

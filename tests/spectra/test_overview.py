@@ -14,9 +14,7 @@ RATE_HZ = 1000.0
 
 def spectrogram(seconds, seed=1):
     samples = white_noise(int(RATE_HZ * seconds), seed)
-    return Spectrogram.join(
-        list(compute_spectrogram(recording_of(samples, RATE_HZ), window_s=0.5))
-    )
+    return Spectrogram.join(list(compute_spectrogram(recording_of(samples, RATE_HZ), window_s=0.5)))
 
 
 @pytest.mark.parametrize("max_pixels", [16, 50, 1024])
@@ -54,9 +52,7 @@ def test_blocks_change_no_bit(n_frames):
     n = whole.frames.n_frames
     cut = [whole.take("frame", slice(k, k + n_frames)) for k in range(0, n, n_frames)]
     first = Overview.join(list(pool_overview(iter(cut), max_pixels=32)))
-    assert first.equals(
-        Overview.join(list(pool_overview(iter([whole]), max_pixels=32)))
-    )
+    assert first.equals(Overview.join(list(pool_overview(iter([whole]), max_pixels=32))))
 
 
 def test_too_many_pixels_are_refused():

@@ -18,19 +18,13 @@ def blocks_of(samples, rate_hz, sensor=None, **options):
 
 
 @pytest.mark.parametrize("probability", [1e-2, 1e-3, 1e-4])
-def test_noise_exceeds_the_threshold_as_often_as_stated_in_ten_million_cells(
-    probability,
-):
+def test_noise_exceeds_the_threshold_as_often_as_stated_in_ten_million_cells(probability):
     n_exceeding = n_cells = 0
     for seed in range(2):
         samples = white_noise(4000 * 640, seed)
         for block in blocks_of(samples, 4000.0):
-            peaks = find_peaks(
-                block, false_alarm_probability=probability, kept_probability=0.01
-            )
-            floor = noise_floor(
-                block.power_density, block.frames.valid_fraction, zero_padding=2
-            )
+            peaks = find_peaks(block, false_alarm_probability=probability, kept_probability=0.01)
+            floor = noise_floor(block.power_density, block.frames.valid_fraction, zero_padding=2)
             factor = 10 ** (peaks.frames.threshold_db / 10)
             exceeding = block.power_density > floor * factor[:, None]
             n_exceeding += exceeding[:, 1:-1].sum()
@@ -54,15 +48,9 @@ def test_frequency_error_is_within_five_percent_of_the_best_hann_estimator(cn0_d
     for _ in range(n_trials // 500):
         frequency = 200 + rng.uniform(0, 1, 500)
         phase = rng.uniform(0, 2 * np.pi, 500)
-        tones = amplitude * np.cos(
-            2 * np.pi * frequency[:, None] * time + phase[:, None]
-        )
+        tones = amplitude * np.cos(2 * np.pi * frequency[:, None] * time + phase[:, None])
         noise = rng.standard_normal(tones.shape) * np.sqrt(rate / 2)
-        (block,) = [
-            Spectrogram.join(
-                blocks_of((tones + noise).ravel(), float(rate), overlap=0.0)
-            )
-        ]
+        (block,) = [Spectrogram.join(blocks_of((tones + noise).ravel(), float(rate), overlap=0.0))]
         peaks = find_peaks(block, kept_probability=0.5, false_alarm_probability=0.5)
         truth = frequency[peaks.frame]
         near = np.abs(peaks.frequency_hz - truth) < 2.5
@@ -88,9 +76,7 @@ def test_level_and_snr_of_a_tone_are_those_it_was_made_with():
     peaks = Peaks.join([find_peaks(b) for b in blocks_of(samples, rate)])
     line = np.abs(peaks.frequency_hz - 300.3) < 1
     assert np.median(peaks.level_db[line]) == pytest.approx(10 * np.log10(4.5), abs=0.1)
-    assert np.median(peaks.snr_db[line]) == pytest.approx(
-        10 * np.log10(4.5 / 1.5e-2), abs=0.3
-    )
+    assert np.median(peaks.snr_db[line]) == pytest.approx(10 * np.log10(4.5 / 1.5e-2), abs=0.3)
     assert peaks.is_detection[line].all()
 
 
@@ -127,13 +113,11 @@ def test_broadband_of_another_vessel_does_not_pull_a_bearing(apart_deg, snr_db):
     samples = np.stack(
         [
             tone + ship + noise[0],
-            tone * np.sin(line_deg[0]) + ship * np.sin(line_deg[1])
-            + noise[1] / np.sqrt(3),
-            tone * np.cos(line_deg[0]) + ship * np.cos(line_deg[1])
-            + noise[2] / np.sqrt(3),
+            tone * np.sin(line_deg[0]) + ship * np.sin(line_deg[1]) + noise[1] / np.sqrt(3),
+            tone * np.cos(line_deg[0]) + ship * np.cos(line_deg[1]) + noise[2] / np.sqrt(3),
         ],
         axis=1,
-    )  # fmt: skip
+    )
     peaks = Peaks.join([find_peaks(b) for b in blocks_of(samples, rate, DIFAR)])
     line = np.abs(peaks.frequency_hz - 200.25) < 0.6
     error = (peaks.bearing_deg[line] - 70.0 + 180.0) % 360.0 - 180.0

@@ -37,9 +37,7 @@ def test_density_of_a_strong_tone_is_welchs_to_a_millionth_of_its_peak():
     time = np.arange(20_000) / RATE_HZ
     samples = np.sin(2 * np.pi * 123.4 * time).astype(np.float32)
     made = spectrogram(samples, zero_padding=1)
-    _, expected = welch(
-        samples.astype(float), RATE_HZ, nperseg=2000, noverlap=1000, detrend=False
-    )
+    _, expected = welch(samples.astype(float), RATE_HZ, nperseg=2000, noverlap=1000, detrend=False)
     mean = made.power_density.astype(float).mean(axis=0)
     assert np.max(np.abs(mean - expected)) < 1e-6 * expected.max()
 
@@ -82,17 +80,16 @@ def test_intensity_points_to_the_source():
     ("sensor", "expected_deg"),
     [
         (Sensor(id="a", kind="difar", channels="omni,x,y", heading_deg=30.0), 70.0),
+        (Sensor(id="a", kind="difar", channels="omni,east,north", compass_offset_deg=5.0), 45.0),
         (
             Sensor(
-                id="a", kind="difar", channels="omni,east,north", compass_offset_deg=5.0
-            ),
-            45.0,
-        ),
-        (
-            Sensor(
-                id="a", kind="difar", channels="omni,x,y",
+                id="a",
+                kind="difar",
+                channels="omni,x,y",
                 navigation=Navigation(
-                    time_s=[0.0, 100.0], east_m=[0.0, 0.0], north_m=[0.0, 0.0],
+                    time_s=[0.0, 100.0],
+                    east_m=[0.0, 0.0],
+                    north_m=[0.0, 0.0],
                     heading_deg=[350.0, 350.0],
                 ),
             ),
@@ -100,7 +97,7 @@ def test_intensity_points_to_the_source():
         ),
     ],
     ids=["heading", "compass", "navigation"],
-)  # fmt: skip
+)
 def test_axes_are_turned_to_north_where_bearings_are_made(sensor, expected_deg):
     rng = np.random.default_rng(6)
     sound, bearing = rng.standard_normal(8_000), np.radians(40.0)
@@ -115,21 +112,15 @@ def test_missing_samples_lower_the_valid_fraction_and_nothing_else():
     gap = samples.copy()
     gap[10_000:12_000] = np.nan
     whole, holed = spectrogram(samples), spectrogram(gap)
-    touched = (holed.frames.start_sample + 2000 > 10_000) & (
-        holed.frames.start_sample < 12_000
-    )
+    touched = (holed.frames.start_sample + 2000 > 10_000) & (holed.frames.start_sample < 12_000)
     assert np.isfinite(holed.power_density).all()
     assert (holed.frames.valid_fraction[touched] < 1).all()
     assert holed.frames.valid_fraction.min() == 0.0
-    np.testing.assert_array_equal(
-        holed.power_density[~touched], whole.power_density[~touched]
-    )
+    np.testing.assert_array_equal(holed.power_density[~touched], whole.power_density[~touched])
 
 
 def test_calibration_scales_to_micropascal():
-    sensor = Sensor(
-        id="a", sensitivity_db_re_v_per_upa=-160.0, gain_db=20.0, adc_peak_v=1.0
-    )
+    sensor = Sensor(id="a", sensitivity_db_re_v_per_upa=-160.0, gain_db=20.0, adc_peak_v=1.0)
     samples = white_noise(20_000, seed=8, rate_hz=RATE_HZ)
     calibrated, raw = spectrogram(samples, sensor), spectrogram(samples)
     ratio = calibrated.power_density.sum(axis=1) / raw.power_density.sum(axis=1)
@@ -145,11 +136,7 @@ def test_calibration_scales_to_micropascal():
         ({"window_s": 1e308}, OptionError, r"window_s .*at most 3600\)"),
         ({"decimation": 2**63}, OptionError, "beyond 64 bits"),
         ({"overlap": 1.0}, OptionError, "overlap must be"),
-        (
-            {"zero_padding": 0},
-            OptionError,
-            r"zero_padding .*at least 1, at most 8\), got 0",
-        ),
+        ({"zero_padding": 0}, OptionError, r"zero_padding .*at least 1, at most 8\), got 0"),
         ({"band_hz": (900.0, 100.0)}, OptionError, "band_hz must be increasing"),
         ({"band_hz": (5000.0, 6000.0)}, OptionError, "highest"),
         ({"decimation": 0}, OptionError, "decimation must be"),

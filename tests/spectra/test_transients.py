@@ -7,12 +7,7 @@ from tests.support import recording_of, white_noise
 from uwtrack_cli.data.transients import CLIMB, FALL, LEVEL, LINES, Transients
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
-from uwtrack_cli.spectra.transients import (
-    CELL_PROBABILITY,
-    _cells,
-    find_transients,
-    heights,
-)
+from uwtrack_cli.spectra.transients import CELL_PROBABILITY, _cells, find_transients, heights
 
 RATE_HZ = 4000.0
 HOP_S = 0.5
@@ -100,9 +95,7 @@ def test_a_tone_that_sweeps_within_seconds_rises_where_the_level_does_not():
 @pytest.mark.parametrize(("mach", "kind"), [(0.09, FALL), (-0.09, CLIMB), (0.0, LINES)])
 def test_lines_that_fall_keep_their_frequency_or_climb_are_told_apart(mach, kind):
     noise = white_noise(int(40 * RATE_HZ), 5, density=1e-3)
-    tones = [
-        sweep(40.0, 21.0, 0.5, 0.8, rest_hz, mach) for rest_hz in (450.0, 700.0, 1150.0)
-    ]
+    tones = [sweep(40.0, 21.0, 0.5, 0.8, rest_hz, mach) for rest_hz in (450.0, 700.0, 1150.0)]
     found = rises_in(noise + sum(tones))
     assert found.time_s.size
     assert set(found.kind.tolist()) == {kind}
@@ -155,9 +148,7 @@ def test_what_is_known_so_far_is_what_the_end_would_give():
     for n_parts, _ in zip(range(1, len(parts) + 1), scan, strict=False):
         if n_parts % 4 == 0:
             known = scan.so_far(-np.inf)
-            assert known.equals(
-                Transients.join(list(find_transients(iter(parts[:n_parts]))))
-            )
+            assert known.equals(Transients.join(list(find_transients(iter(parts[:n_parts])))))
             told.append(known.time_s.size)
     assert told[0] == 0 < told[-1]
     assert scan.so_far(40.0).time_s.size == 0

@@ -136,10 +136,7 @@ def main(base: Path, first: int, count: int, kind: str = "") -> dict:
         folder = base / f"mutant{number}"
         folder.mkdir()
         os.chdir(folder)
-        with (
-            warnings.catch_warnings(),
-            contextlib.redirect_stderr(io.StringIO()),
-        ):
+        with warnings.catch_warnings(), contextlib.redirect_stderr(io.StringIO()):
             rows += meet(number, base, folder, kind)
         os.chdir(base)
         shutil.rmtree(folder)
@@ -149,8 +146,7 @@ def main(base: Path, first: int, count: int, kind: str = "") -> dict:
         "trouble": [row for row in rows if row["trouble"]],
         "slowest_s": max(row["seconds"] for row in rows),
         "peak_mb": max(
-            _own_peak_mb(),
-            resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024,
+            _own_peak_mb(), resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
         ),
     }
 

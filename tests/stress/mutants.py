@@ -161,8 +161,7 @@ def _change(file: h5py.File, name: str, rng: Random) -> None:
 
 def _foreign_link(file: h5py.File, name: str, rng: Random) -> None:
     del file[name]
-    links = [h5py.ExternalLink("/etc/passwd", "/"), h5py.SoftLink("/"),
-             h5py.SoftLink("/nowhere")]  # fmt: skip
+    links = [h5py.ExternalLink("/etc/passwd", "/"), h5py.SoftLink("/"), h5py.SoftLink("/nowhere")]
     file[name] = links[int(rng.integers(len(links)))]
 
 
@@ -188,17 +187,7 @@ def _attribute(item: h5py.Dataset, rng: Random) -> None:
     name = str(rng.choice(names))
     if name in {"DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME"}:
         return
-    values = [
-        -1,
-        2**62,
-        np.nan,
-        0.0,
-        "",
-        "x" * 100,
-        "../../etc/passwd",
-        [1, 2, 3],
-        b"\xff",
-    ]
+    values = [-1, 2**62, np.nan, 0.0, "", "x" * 100, "../../etc/passwd", [1, 2, 3], b"\xff"]
     item.attrs[name] = values[int(rng.integers(len(values)))]
 
 
@@ -239,9 +228,7 @@ def text(source: str, rng: Random) -> bytes:
     return flipped(data, rng) if rng.random() < 0.2 else data
 
 
-def commands(
-    kind: str, folder: Path, base: Path, rng: Random
-) -> Iterator[tuple[list[str], bool]]:
+def commands(kind: str, folder: Path, base: Path, rng: Random) -> Iterator[tuple[list[str], bool]]:
     """Write a mutant and yield the command line that meets it."""
     if kind == "forged":
         forged(base / "base.h5", rng, folder / "m.h5")
@@ -257,10 +244,7 @@ def commands(
             yield ["plot", "m.h5", "-o", "out.png"], True
     elif kind == "wav":
         (folder / "m.wav").write_bytes(wav(rng))
-        yield (
-            ["run", "m.wav", "-o", "out.h5", "--channel", "1", "--allow-truncated"],
-            True,
-        )
+        yield (["run", "m.wav", "-o", "out.h5", "--channel", "1", "--allow-truncated"], True)
     elif kind == "hdf5":
         product(base / "base.h5", rng, folder / "m.h5")
         choices = [
@@ -276,7 +260,7 @@ def commands(
             ("m.toml", ["run", str(base / "base.wav"), "--recipe", "m.toml"]),
             ("m.sensor.toml", ["run", str(base / "base.wav"), "--sensor", "m.sensor.toml"]),
             ("s.toml", ["simulate", "s.toml", "-o", "s.wav"]),
-        ][int(rng.integers(3))]  # fmt: skip
+        ][int(rng.integers(3))]
         source = (base / target).read_text()
         (folder / target).write_bytes(text(source, rng))
         extra = ["-o", "out.h5"] if words[0] == "run" else []

@@ -50,9 +50,7 @@ def test_products_with_a_checksum_written_anew_are_met_with_a_sentence(base):
     ("count", "kind"), [(5000, []), (2500, ["forged"])], ids=["damaged", "forged"]
 )
 def test_thousands_of_mutants_are_met_with_a_sentence(base, count, kind):
-    parts = [
-        meet(base, first, 250, 3000, *kind) for first in range(1000, 1000 + count, 250)
-    ]
+    parts = [meet(base, first, 250, 3000, *kind) for first in range(1000, 1000 + count, 250)]
     total = {
         "met": sum(part["met"] for part in parts),
         "past_header": sum(part["past_header"] for part in parts),

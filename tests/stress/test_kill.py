@@ -50,17 +50,13 @@ COMMANDS = {
         ("batch", "in", "-o", "out", "--jobs", "2", "--overwrite"),
         {"a.run.h5", "b.run.h5", "batch.csv", "batch.jsonl"},
     ),
-    "report": (
-        ("report", "made.h5", "-o", "out/made.html", "--overwrite"), {"made.html"}
-    ),
+    "report": (("report", "made.h5", "-o", "out/made.html", "--overwrite"), {"made.html"}),
     "export": (
         ("export", "made.h5", "--to", "netcdf", "-o", "out/made.nc", "--overwrite"),
         {"made.nc"},
     ),
-    "spectrogram": (
-        ("spectrogram", "a.wav", "-o", "out/a.h5", "--overwrite"), {"a.h5"}
-    ),
-}  # fmt: skip
+    "spectrogram": (("spectrogram", "a.wav", "-o", "out/a.h5", "--overwrite"), {"a.h5"}),
+}
 """Arguments of each command that is killed, and what it may leave in `out`."""
 
 
@@ -169,13 +165,8 @@ def small_disk(limit_bytes):
 
 @pytest.mark.parametrize("limit_bytes", [0, 5_000, 200_000])
 @pytest.mark.parametrize("command", ["spectrogram", "run"])
-def test_a_full_disk_ends_with_a_sentence_and_no_file(
-    begin, sound, tmp_path, command, limit_bytes
-):
-    running = begin(
-        tmp_path, command, sound, "-o", "out.h5",
-        preexec_fn=small_disk(limit_bytes),
-    )  # fmt: skip
+def test_a_full_disk_ends_with_a_sentence_and_no_file(begin, sound, tmp_path, command, limit_bytes):
+    running = begin(tmp_path, command, sound, "-o", "out.h5", preexec_fn=small_disk(limit_bytes))
     _, said = running.communicate(timeout=120)
     assert running.returncode == 1, said
     assert "out.h5" in said.splitlines()[-1]
@@ -187,9 +178,8 @@ def test_a_full_disk_keeps_the_product_that_was_there(begin, sound, tmp_path, uw
     assert uwtrack("run", sound, "-o", "out.h5", "-q").exit_code == 0
     before = (tmp_path / "out.h5").read_bytes()
     running = begin(
-        tmp_path, "run", sound, "-o", "out.h5", "--overwrite",
-        preexec_fn=small_disk(5_000),
-    )  # fmt: skip
+        tmp_path, "run", sound, "-o", "out.h5", "--overwrite", preexec_fn=small_disk(5_000)
+    )
     running.communicate(timeout=120)
     assert running.returncode == 1
     assert (tmp_path / "out.h5").read_bytes() == before

@@ -19,9 +19,8 @@ def matched():
 
 @pytest.mark.parametrize(
     "method",
-    ["KF-clean", "KF-detect", "NN.05", "fix.1", "fix.03", "fix.01", "prior", "post",
-     "TS-lit"],
-)  # fmt: skip
+    ["KF-clean", "KF-detect", "NN.05", "fix.1", "fix.03", "fix.01", "prior", "post", "TS-lit"],
+)
 def test_the_share_of_lost_tracks_is_the_references(matched, method):
     known = REFERENCE["tracks"][EXPERIMENTS[1].name][method]["lost_percent"] / 100.0
     spread = math.sqrt(known * (1.0 - known) * (1.0 / RUNS + 1.0 / 1000.0))

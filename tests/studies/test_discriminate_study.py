@@ -4,11 +4,7 @@ import math
 
 import pytest
 
-from studies.discrimination_study import (
-    TWO_MODELS,
-    run_scenario,
-    study_discriminate,
-)
+from studies.discrimination_study import TWO_MODELS, run_scenario, study_discriminate
 from studies.rows import load_reference
 from uwtrack_cli.discrimination.options import ContactFilters
 

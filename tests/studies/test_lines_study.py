@@ -7,21 +7,9 @@ import numpy as np
 import pytest
 
 from studies import line_sound, lines_study
-from studies.line_scene import (
-    ALPHA,
-    N_CELLS,
-    THRESHOLD,
-    SceneRule,
-    noise_std,
-    simulate_scene,
-)
+from studies.line_scene import ALPHA, N_CELLS, THRESHOLD, SceneRule, noise_std, simulate_scene
 from studies.line_sound import detect_line, detection_snr_db, frame_errors
-from studies.line_tracking import (
-    QUANTITIES,
-    VARIANTS,
-    RunFigures,
-    run_figures,
-)
+from studies.line_tracking import QUANTITIES, VARIANTS, RunFigures, run_figures
 from studies.lines_study import study_lines
 from studies.rows import load_reference
 
@@ -74,9 +62,7 @@ def check_bands(snr: float, setting: str, runs: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("snr", "setting"), [
-    (-20.0, "conventional"), (-10.0, "feedback"),
-])  # fmt: skip
+@pytest.mark.parametrize(("snr", "setting"), [(-20.0, "conventional"), (-10.0, "feedback")])
 def test_short_runs_lie_in_the_specified_bands(snr: float, setting: str) -> None:
     check_bands(snr, setting, SHORT)
 
@@ -223,9 +209,7 @@ def test_the_study_sets_the_control_beside_the_feedback() -> None:
 @pytest.mark.long
 def test_trace_detects_weaker_lines_than_three_of_five() -> None:
     def share(method: str, snr: float) -> float:
-        return float(
-            np.mean([detect_line(method, snr, k).is_detected for k in range(16)])
-        )
+        return float(np.mean([detect_line(method, snr, k).is_detected for k in range(16)]))
 
     grid = np.array([-2.5, -1.0, 0.5])
     traced = detection_snr_db(grid, np.array([share("trace", snr) for snr in grid]))
@@ -239,33 +223,21 @@ def test_trace_detects_weaker_lines_than_three_of_five() -> None:
 @pytest.mark.long
 def test_trace_detects_half_of_the_lines_at_the_published_snr() -> None:
     grid = np.array([-2.0, -1.0, 0.0])
-    detected = [
-        np.mean([detect_line("trace", s, k).is_detected for k in range(400)])
-        for s in grid
-    ]
+    detected = [np.mean([detect_line("trace", s, k).is_detected for k in range(400)]) for s in grid]
     assert abs(detection_snr_db(grid, np.array(detected)) + 1.03) <= 0.5
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("snr", "published"), [(6.0, 0.074), (10.0, 0.033)])
-def test_smoothed_frequencies_are_as_exact_as_published(
-    snr: float, published: float
-) -> None:
-    squares = np.array(
-        [detect_line("trace", snr, k).square_error_hz2 for k in range(14)]
-    )
+def test_smoothed_frequencies_are_as_exact_as_published(snr: float, published: float) -> None:
+    squares = np.array([detect_line("trace", snr, k).square_error_hz2 for k in range(14)])
     error = np.sqrt(np.nanmean(squares))
     scatter = np.nanstd(squares) / np.sqrt(14) / (2 * error)
     assert error <= 1.3 * published + scatter
 
 
-@pytest.mark.parametrize(
-    ("method", "snr"),
-    [("score", 10.0), ("trace", 3.0)],
-)
-def test_smoothed_frequencies_hold_what_is_stated_of_them(
-    method: str, snr: float
-) -> None:
+@pytest.mark.parametrize(("method", "snr"), [("score", 10.0), ("trace", 3.0)])
+def test_smoothed_frequencies_hold_what_is_stated_of_them(method: str, snr: float) -> None:
     found = [detect_line(method, snr, k) for k in range(14)]
     ratio = np.array([trial.square_score for trial in found])
     within = np.array([trial.share_within for trial in found])
@@ -299,13 +271,7 @@ def test_another_seed_changes_our_figures_and_not_the_reference(
     monkeypatch.setattr(line_sound, "SNR_GRIDS", {"trace": (0.0,)})
     monkeypatch.setattr(line_sound, "STATED_SNRS", {"score": (10.0,)})
     one, two = study_lines(runs=2, seed=1), study_lines(runs=2, seed=2)
-    assert {r.case.split()[0] for r in one.rows} == {
-        "fixed",
-        "noise",
-        "comb",
-        "one",
-        "minute",
-    }
+    assert {r.case.split()[0] for r in one.rows} == {"fixed", "noise", "comb", "one", "minute"}
     assert [r.reference for r in one.rows] == [r.reference for r in two.rows]
     assert [r.ours for r in one.rows] != [r.ours for r in two.rows]
     assert all(r.low <= r.ours + 1e-9 and r.ours <= r.high + 1e-9 for r in one.rows)

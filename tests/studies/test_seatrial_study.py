@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 
 from studies.rows import load_reference
-from studies.seatrial import (
-    RANGE_M,
-    SPEED_MPS,
-    study_seatrial,
-    trial_errors,
-)
+from studies.seatrial import RANGE_M, SPEED_MPS, study_seatrial, trial_errors
 
 CASES = {case["name"]: case for case in load_reference("seatrial")["cases"]}
 BANDS = {"clean": (0.015, 0.03, 1.0, 1.5), "weak": (0.04, 0.08, 2.0, 3.0)}

@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from studies.rows import (
-    mean_row,
-    median_row,
-    normal_root_row,
-    rate_row,
-    root_row,
-    share_row,
-)
+from studies.rows import mean_row, median_row, normal_root_row, rate_row, root_row, share_row
 
 RUNS = 2000
 
@@ -41,9 +34,7 @@ def test_a_share_has_the_exact_interval(hits, runs):
     row = share_row("", "", None, np.arange(runs) < hits, percent=True)
     expected = stats.binomtest(hits, runs).proportion_ci(0.95, "exact")
     assert row.ours == pytest.approx(100.0 * hits / runs)
-    assert (row.low, row.high) == pytest.approx(
-        (100 * expected.low, 100 * expected.high)
-    )
+    assert (row.low, row.high) == pytest.approx((100 * expected.low, 100 * expected.high))
 
 
 @pytest.mark.parametrize("runs", [6, 25, 400])

@@ -13,11 +13,7 @@ from studies.optimisers import (
     random_simplices,
     study_optimisers,
 )
-from studies.tma_runs import (
-    accuracy,
-    convergence_index,
-    rows_until,
-)
+from studies.tma_runs import accuracy, convergence_index, rows_until
 from studies.tma_study import study_tma
 
 

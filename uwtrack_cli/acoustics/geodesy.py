@@ -37,9 +37,7 @@ def to_grid(latitude: float, longitude: float, origin: Origin) -> tuple[float, f
     """
     from geographiclib.geodesic import Geodesic
 
-    line = Geodesic.WGS84.Inverse(
-        origin.latitude, origin.longitude, latitude, longitude
-    )
+    line = Geodesic.WGS84.Inverse(origin.latitude, origin.longitude, latitude, longitude)
     azimuth = np.deg2rad(line["azi1"])
     return float(line["s12"] * np.sin(azimuth)), float(line["s12"] * np.cos(azimuth))
 

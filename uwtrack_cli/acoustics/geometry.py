@@ -42,9 +42,7 @@ def compass_unit(bearing_deg: Any) -> FloatArray:
     return np.stack([np.sin(angle), np.cos(angle)], axis=-1)
 
 
-def place_covariance(
-    range_m: float, bearing_deg: float, covariance: FloatArray
-) -> FloatArray:
+def place_covariance(range_m: float, bearing_deg: float, covariance: FloatArray) -> FloatArray:
     """Return the covariance of east and north of a place, m^2, to first order.
 
     ``covariance``: that of range (m) and bearing (degrees), shape (2, 2).
@@ -81,9 +79,7 @@ def course_deg(bearing_deg: Any, turn: Any) -> FloatArray:
     >>> float(course_deg(0.0, 1))
     90.0
     """
-    course: FloatArray = (
-        np.asarray(bearing_deg, float) + 90.0 * np.asarray(turn)
-    ) % 360.0
+    course: FloatArray = (np.asarray(bearing_deg, float) + 90.0 * np.asarray(turn)) % 360.0
     return course
 
 

@@ -179,8 +179,7 @@ class _Way:
         """Return the places at lengths of way, m."""
         moved = np.append(True, np.diff(self._length) > 0.0)
         if np.count_nonzero(moved) < 2:
-            return (np.full_like(length_m, self._east[0]),
-                    np.full_like(length_m, self._north[0]))  # fmt: skip
+            return (np.full_like(length_m, self._east[0]), np.full_like(length_m, self._north[0]))
         known = self._length[moved]
         return (
             _extended(length_m, known, self._east[moved]),

@@ -89,11 +89,7 @@ class FormedBeams:
         return tones_in(self.frames, self.frequency_hz[cell], three)
 
     def peaks(
-        self,
-        at: Maxima,
-        rules: PeakRules,
-        bearing: tuple[FloatArray, FloatArray],
-        **own: Any,
+        self, at: Maxima, rules: PeakRules, bearing: tuple[FloatArray, FloatArray], **own: Any
     ) -> Peaks:
         """Return the table of some maxima; bearings of a bent array are not given.
 
@@ -145,9 +141,7 @@ def median_of_beams(floor: FloatArray) -> FloatArray:
     return noise
 
 
-def find_beam_peaks(
-    beams: Beams, floor: FloatArray, noise: FloatArray, rules: PeakRules
-) -> Peaks:
+def find_beam_peaks(beams: Beams, floor: FloatArray, noise: FloatArray, rules: PeakRules) -> Peaks:
     """Find the peaks of a block of beams, in the order of frame and frequency.
 
     The noise density of each beam has the shape of their power, its median over the
@@ -213,9 +207,7 @@ def cells_above(
     return beam[is_peak], frame[is_peak], cell[is_peak]
 
 
-def _maxima(
-    beams: Beams, floor: FloatArray, keep: FloatArray, sidelobe_db: float
-) -> Maxima:
+def _maxima(beams: Beams, floor: FloatArray, keep: FloatArray, sidelobe_db: float) -> Maxima:
     """Beams, frames and cells of the maxima, in the order of frame and cell."""
     power = beams.power
     beam, frame, cell = cells_above(power, floor, keep, beams.frames.cells_per_bin)
@@ -231,9 +223,7 @@ def _maxima(
     return beam[order], frame[order], cell[order]
 
 
-def _directions(
-    beams: Beams, tones: Tones, at: Maxima
-) -> tuple[FloatArray, FloatArray]:
+def _directions(beams: Beams, tones: Tones, at: Maxima) -> tuple[FloatArray, FloatArray]:
     """Return the cosines of tones, both corrections made, and their power at them."""
     beam, frame, cell = at
     around = [beams.power[beam + k, frame, cell].astype(np.float64) for k in (-1, 0, 1)]

@@ -40,30 +40,13 @@ from uwtrack_cli.arrays.broadband_directions import DirectionSearch, FoundDirect
 from uwtrack_cli.arrays.direction_grid import LOBE_DB, MOST_BEAMS, SpatialArray
 from uwtrack_cli.arrays.direction_table import TableFacts, ambiguity_of, direction_table
 from uwtrack_cli.arrays.element_check import ElementCheck, with_silent_elements
-from uwtrack_cli.arrays.line_array import (
-    CLEAR_SHARE,
-    SIDELOBES_DB,
-    LineArray,
-    Shading,
-)
-from uwtrack_cli.arrays.spatial_peaks import (
-    Lobes,
-    SharedFloor,
-    SpatialBeams,
-    find_spatial_peaks,
-)
+from uwtrack_cli.arrays.line_array import CLEAR_SHARE, SIDELOBES_DB, LineArray, Shading
+from uwtrack_cli.arrays.spatial_peaks import Lobes, SharedFloor, SpatialBeams, find_spatial_peaks
 from uwtrack_cli.arrays.steering import Steering
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.bearing_time import MIRROR, BearingTime
 from uwtrack_cli.data.frames import Frames
-from uwtrack_cli.data.options import (
-    AtLeast,
-    AtMost,
-    Increasing,
-    Unit,
-    checked,
-    resolved_by,
-)
+from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked, resolved_by
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import FULL_SCALE, MICROPASCAL
@@ -129,9 +112,7 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
     window_s: Annotated[float, Unit("s"), AtLeast(1e-6), AtMost(3600)] = 1.0,
     overlap: Annotated[float, AtLeast(0), AtMost(0.999)] = 0.5,
     zero_padding: Annotated[int, AtLeast(1), AtMost(8)] = 2,
-    band_hz: Annotated[
-        tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()
-    ]
+    band_hz: Annotated[tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()]
     | None = None,
     decimation: Annotated[int, AtLeast(1), AtMost(1024)] | None = None,
     beams: Annotated[int, AtLeast(5), AtMost(4097)] | None = None,
@@ -236,13 +217,9 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
     shading = shading or "chebyshev"
     check_place(recording, needs_heading=frame == "compass")
     n_elements = len(recording.sensor.element_xyz_m)
-    given_band = {
-        "band_hz": band_hz, "decimation": decimation, "above_design": above_design,
-    }  # fmt: skip
+    given_band = {"band_hz": band_hz, "decimation": decimation, "above_design": above_design}
     used = {**given_band, **resolve_beams(recording, given_band)}
-    layout = plan_frames(
-        recording, window_s, overlap, zero_padding, band_hz, used["decimation"]
-    )
+    layout = plan_frames(recording, window_s, overlap, zero_padding, band_hz, used["decimation"])
     layout = replace(layout, kept=_band(layout, array, band_hz, above_design))
     block_frames = BLOCK_FRAMES
     if beamformer == "mvdr":
@@ -260,9 +237,7 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
         sidelobe_db=SIDELOBES_DB.get(shading, sidelobe_db),
         side=side,
         compass=frame == "compass",
-        reference=FULL_SCALE
-        if recording.sensor.full_scale_upa is None
-        else MICROPASCAL,
+        reference=FULL_SCALE if recording.sensor.full_scale_upa is None else MICROPASCAL,
     )
     given: dict[str, Any] = {
         "recording": recording,
@@ -391,9 +366,7 @@ class _BeamFormer(ABC):
 
     def blocks(self, block_frames: int) -> Iterator[BearingTime]:
         """Yield the beams of the recording, so many frames at a time."""
-        for heard, first, count in frame_blocks(
-            self.recording, self.layout, block_frames
-        ):
+        for heard, first, count in frame_blocks(self.recording, self.layout, block_frames):
             samples = with_silent_elements(heard)
             frames = describe_frames(self.recording, self.layout, samples, first, count)
             whole = bool((frames.valid_fraction == 1.0).all())
@@ -470,12 +443,7 @@ class _BeamFormer(ABC):
         return found
 
     def _record(
-        self,
-        shown: FloatArray,
-        noise: FloatArray,
-        peaks: Peaks,
-        place: ArrayPlace,
-        **own: Any,
+        self, shown: FloatArray, noise: FloatArray, peaks: Peaks, place: ArrayPlace, **own: Any
     ) -> BearingTime:
         frames = peaks.frames
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -572,10 +540,7 @@ class _SpatialFormer(_BeamFormer):
         self._natural = slice(0, None, max(1, padding))
         self._natural_turns = self._turns.thinned(max(1, padding))
         self._search = DirectionSearch(
-            array,
-            self._grid,
-            self._frequency_hz[self._natural],
-            self.rules.false_alarm_probability,
+            array, self._grid, self._frequency_hz[self._natural], self.rules.false_alarm_probability
         )
         # the nearest hydrophones are those whose signs can be compared
         self._check = ElementCheck(
@@ -616,19 +581,14 @@ class _SpatialFormer(_BeamFormer):
         self, spectra: NDArray[np.complex64], alive: BoolArray, frames: Frames
     ) -> FoundDirections:
         return self._search.find(
-            spectra[self._natural],
-            self._natural_turns,
-            alive,
-            frames.valid_fraction == 1.0,
+            spectra[self._natural], self._natural_turns, alive, frames.valid_fraction == 1.0
         )
 
     def _found(
         self, formed: FormedBeams, shown: FloatArray, directions: FoundDirections | None
     ) -> BearingTime:
         power, frames, place = formed.power, formed.frames, formed.place
-        beams = SpatialBeams(
-            **vars(formed), array=self.array, grid=self._grid, lobes=self._lobes
-        )
+        beams = SpatialBeams(**vars(formed), array=self.array, grid=self._grid, lobes=self._lobes)
         centres, owner = self._grid.floor_beams
         floor = beam_floors(power[centres], frames)
         noise = _median_over(floor, owner)
@@ -651,8 +611,7 @@ class _SpatialFormer(_BeamFormer):
             peaks,
             place,
             azimuth_deg=self._azimuth_deg,
-            design_frequency_hz=self.array.sound_speed_mps
-            / (2.0 * self.array.closest_m),
+            design_frequency_hz=self.array.sound_speed_mps / (2.0 * self.array.closest_m),
             ambiguity=ambiguity_of(self.array),
             directions=direction_table(
                 found, self.array, self.recording.sensor, facts, 10.0 * np.log10(level)
@@ -710,9 +669,7 @@ def _strips(n_cells: int) -> Iterator[slice]:
 
 
 def mvdr_power(
-    spectra: NDArray[np.complex64],
-    steering: NDArray[np.complex64],
-    loading: float,
+    spectra: NDArray[np.complex64], steering: NDArray[np.complex64], loading: float
 ) -> FloatArray:
     """Return 1 / (v^H (R + e I)^-1 v) of every cell and beam, shape (cell, beam).
 

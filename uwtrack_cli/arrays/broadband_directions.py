@@ -149,10 +149,7 @@ class FoundDirections(Rows):
     def copy(self) -> "FoundDirections":
         """Return one whose measured columns can be written."""
         return replace(
-            self,
-            toward=self.toward.copy(),
-            covariance=self.covariance.copy(),
-            snr=self.snr.copy(),
+            self, toward=self.toward.copy(), covariance=self.covariance.copy(), snr=self.snr.copy()
         )
 
     def put(self, rows: IntArray, other: "FoundDirections") -> None:
@@ -252,11 +249,7 @@ class DirectionSearch:
         return bands_of(self.frequency_hz.size)
 
     def find(
-        self,
-        spectra: NDArray[np.complex64],
-        turns: Steering,
-        alive: BoolArray,
-        is_whole: BoolArray,
+        self, spectra: NDArray[np.complex64], turns: Steering, alive: BoolArray, is_whole: BoolArray
     ) -> FoundDirections:
         """Find the directions of a block, in the frames that are whole.
 
@@ -285,11 +278,7 @@ class DirectionSearch:
         return _joined(found, crowded)
 
     def _joined_by(
-        self,
-        more: FoundDirections,
-        sound: _WhiteSound,
-        known: _Known,
-        found: list[FoundDirections],
+        self, more: FoundDirections, sound: _WhiteSound, known: _Known, found: list[FoundDirections]
     ) -> tuple[_Known, list[FoundDirections]]:
         """Measure known sources of some frames together with one more of each.
 
@@ -298,9 +287,7 @@ class DirectionSearch:
         known = known.take(np.searchsorted(known.frame, more.frame))
         joined = np.concatenate([known.toward, more.toward[:, None]], axis=1)
         before = [one.copy() for one in found]
-        known = self._measured_together(
-            sound, _Known(known.frame, joined), [*found, more]
-        )
+        known = self._measured_together(sound, _Known(known.frame, joined), [*found, more])
         apart = np.linalg.norm(known.toward[:, :-1] - known.toward[:, -1:], axis=2)
         is_apart = apart.min(axis=1) > self.grid.step
         for one, old in zip(found, before, strict=True):
@@ -339,10 +326,7 @@ class DirectionSearch:
         return _WhiteSound(found, places), _isotropic_share(whole)
 
     def _heights(
-        self,
-        spectra: NDArray[np.complex64],
-        turns: Steering,
-        alive: BoolArray,
+        self, spectra: NDArray[np.complex64], turns: Steering, alive: BoolArray
     ) -> tuple[FloatArray, _WhiteSound, float]:
         """Return the sum over the band, shape (beam, frame), and what it is made of.
 
@@ -430,9 +414,7 @@ class DirectionSearch:
         _FILLED[key] = filled
         return _FILLED[key]
 
-    def _heights_across(
-        self, white: _WhiteSound, turns: Steering, known: _Known
-    ) -> FloatArray:
+    def _heights_across(self, white: _WhiteSound, turns: Steering, known: _Known) -> FloatArray:
         """Return the sum over the band across known sources, shape (beam, row)."""
         height = np.zeros((self.grid.n_beams, known.frame.size))
         share = np.zeros(height.shape)
@@ -446,9 +428,7 @@ class DirectionSearch:
             sound = _across(sound, basis)
             steered = turns[bins].conj() @ root.transpose(0, 2, 1)
             full = (np.abs(steered) ** 2).sum(axis=2)[:, :, None]
-            left = full - sum(
-                np.abs(steered.conj() @ one.transpose(0, 2, 1)) ** 2 for one in basis
-            )
+            left = full - sum(np.abs(steered.conj() @ one.transpose(0, 2, 1)) ** 2 for one in basis)
             pressure = steered.conj() @ sound.transpose(0, 2, 1)
             power = (np.abs(sound) ** 2).sum(axis=2)
             along = np.abs(pressure) ** 2 / np.maximum(left, 1e-6 * full)
@@ -471,9 +451,7 @@ class DirectionSearch:
             far = np.zeros(left.size, np.bool_)
             for source, one in enumerate(found):
                 others = _Known(known.frame[left], toward[left]).without(source)
-                moved, covariance, snr = self._polished(
-                    sound, toward[left, source], others
-                )
+                moved, covariance, snr = self._polished(sound, toward[left, source], others)
                 way = np.square(moved - toward[left, source]).sum(axis=1)
                 far |= way > STILL**2 * np.trace(covariance, axis1=1, axis2=2)
                 toward[left, source] = moved
@@ -485,15 +463,11 @@ class DirectionSearch:
                 break
         return _Known(known.frame, toward)
 
-    def _measured(
-        self, sound: _WhiteSound, height: FloatArray, known: _Known
-    ) -> FoundDirections:
+    def _measured(self, sound: _WhiteSound, height: FloatArray, known: _Known) -> FoundDirections:
         """Refine the maxima of some frames, list the lobes, state the deviations."""
         is_peak = self.grid.is_maximum(height)
         peak_beam, peak_row = np.nonzero(is_peak)
-        around = np.concatenate(
-            [peak_beam[:, None], self.grid.neighbours[peak_beam]], axis=1
-        )
+        around = np.concatenate([peak_beam[:, None], self.grid.neighbours[peak_beam]], axis=1)
         toward, top = self.grid.refine(peak_beam, height[around, peak_row[:, None]])
         n_left = sound.n_elements - known.n_sources
         best = np.full(known.frame.size, -np.inf)
@@ -507,9 +481,7 @@ class DirectionSearch:
         order = order[np.unique(peak_row[order], return_index=True)[1]]
         rows = peak_row[order]
         is_lobe = (weight >= LEAST_WEIGHT) & ~is_first
-        best_toward, covariance, snr = self._polished(
-            sound, toward[order], known.take(rows)
-        )
+        best_toward, covariance, snr = self._polished(sound, toward[order], known.take(rows))
         lobe_frame = known.frame[peak_row[is_lobe]]
         return FoundDirections(
             frame=known.frame[rows],
@@ -533,18 +505,14 @@ class DirectionSearch:
         for _ in range(SCORING_STEPS):
             moved, *_ = self._score(white, toward, others)
             length = np.linalg.norm(moved, axis=1)
-            moved *= np.minimum(1.0, self.grid.step / np.maximum(length, 1e-12))[
-                :, None
-            ]
+            moved *= np.minimum(1.0, self.grid.step / np.maximum(length, 1e-12))[:, None]
             toward = toward + moved
             if not self.array.is_planar:
                 toward = toward / np.linalg.norm(toward, axis=1)[:, None]
         _, covariance, snr = self._score(white, toward, others)
         return toward, covariance, snr
 
-    def _leads(
-        self, bins: slice, toward: FloatArray, places: FloatArray
-    ) -> NDArray[np.complex128]:
+    def _leads(self, bins: slice, toward: FloatArray, places: FloatArray) -> NDArray[np.complex128]:
         """Return the phases of waves, shape (bin, ..., element)."""
         wave = 2.0 * np.pi * self.frequency_hz[bins]
         lead_s = toward @ places.T / self.array.sound_speed_mps
@@ -595,9 +563,7 @@ class DirectionSearch:
             score += (n_left * wave.size / (power * (1.0 - share)))[:, None] * change
             inner = np.einsum("frmk,frml->frkl", slopes.conj(), slopes)
             outer = crossed[..., :, None].conj() * crossed[..., None, :]
-            tensor = (inner.real - outer.real / size[..., None, None]) / size[
-                ..., None, None
-            ]
+            tensor = (inner.real - outer.real / size[..., None, None]) / size[..., None, None]
             weight = 2.0 * ratio**2 / (1.0 + ratio)
             information += weight[:, None, None] * tensor.sum(axis=0)
             bend = 2.0 * ratio * n_left / (n_left - 1.0)
@@ -666,9 +632,7 @@ def _joined(found: list[FoundDirections], crowded: IntArray) -> FoundDirections:
     return replace(whole, lobes=lobes.take(is_kept))
 
 
-def _inverse(
-    information: FloatArray, toward: FloatArray, array: SpatialArray
-) -> FloatArray:
+def _inverse(information: FloatArray, toward: FloatArray, array: SpatialArray) -> FloatArray:
     """Invert the information on the two directions in which u can vary."""
     if array.is_planar:
         normal = np.broadcast_to(array.normal, toward.shape)
@@ -738,9 +702,7 @@ def _noise_products(
     and what is heard of each.
     """
     n_bins, n_rows, n_alive = sound.shape
-    across: NDArray[Any] = np.broadcast_to(
-        np.eye(n_alive), (n_bins, n_rows, n_alive, n_alive)
-    )
+    across: NDArray[Any] = np.broadcast_to(np.eye(n_alive), (n_bins, n_rows, n_alive, n_alive))
     for one in basis:
         across = across - one[..., :, None] * one[..., None, :].conj()
     heard = _across(sound, basis)
@@ -762,9 +724,7 @@ def _isotropic_share(products: FloatArray) -> float:
     return float(around / max(alone + around, 1e-12))
 
 
-def _log_gain(
-    heard: NDArray[np.complex64], steering: NDArray[np.complex64]
-) -> FloatArray:
+def _log_gain(heard: NDArray[np.complex64], steering: NDArray[np.complex64]) -> FloatArray:
     """Return -(N - 1) sum ln(1 - g) over a few bins, shape (beam, frame)."""
     n_alive = heard.shape[1]
     size = (steering.real**2 + steering.imag**2).sum(axis=2)

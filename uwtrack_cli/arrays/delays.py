@@ -30,14 +30,7 @@ from uwtrack_cli.arrays.recorders import RecordersReader
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.directions import Delays
 from uwtrack_cli.data.frames import Frames
-from uwtrack_cli.data.options import (
-    AtLeast,
-    AtMost,
-    Increasing,
-    Unit,
-    checked,
-    resolved_by,
-)
+from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked, resolved_by
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.estimation.window import BIN_CORRELATION, parabola_offset
@@ -84,9 +77,7 @@ def measure_delays(
     *,
     window_s: Annotated[float, Unit("s"), AtLeast(1e-6), AtMost(3600)] = 1.0,
     overlap: Annotated[float, AtLeast(0), AtMost(0.999)] = 0.5,
-    band_hz: Annotated[
-        tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()
-    ]
+    band_hz: Annotated[tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()]
     | None = None,
     decimation: Annotated[int, AtLeast(1), AtMost(1024)] | None = None,
     weighting: Weighting = "ml",
@@ -186,9 +177,7 @@ class _Correlator:
         stds, late_s = np.zeros((2, len(self._places)))
         if isinstance(recorders, RecordersReader):
             stds, late_s = np.array([recorders.clock_std_s, recorders.late_s])
-        self._clock_std_s = np.array(
-            [np.hypot(stds[a], stds[b]) for a, b in self._pairs]
-        )
+        self._clock_std_s = np.array([np.hypot(stds[a], stds[b]) for a, b in self._pairs])
         self._late_s = np.array([late_s[b] - late_s[a] for a, b in self._pairs])
         clock_s = CLOCK_DEVIATIONS * np.nan_to_num(self._clock_std_s)
         sought_s = REACH * distance / sensor.sound_speed_mps + clock_s
@@ -220,9 +209,7 @@ class _Correlator:
 
     def blocks(self) -> Iterator[Delays]:
         """Yield the delays, some frames at a time."""
-        for heard, first, count in frame_blocks(
-            self.recording, self.layout, BLOCK_FRAMES
-        ):
+        for heard, first, count in frame_blocks(self.recording, self.layout, BLOCK_FRAMES):
             samples = with_silent_elements(heard)
             frames = describe_frames(self.recording, self.layout, samples, first, count)
             whole = frames.valid_fraction == 1.0
@@ -230,26 +217,16 @@ class _Correlator:
             spectra = self.layout.spectra_of_all(clean, count)
             alive = (spectra != 0).any(axis=(0, 2))
             if not self._is_far:
-                alive = self._check.alive(
-                    spectra, self._frequency_hz, float(frames.time_s[0])
-                )
+                alive = self._check.alive(spectra, self._frequency_hz, float(frames.time_s[0]))
             yield self._delays(spectra, alive, whole, frames)
 
     def _delays(
-        self,
-        spectra: NDArray[np.complex64],
-        alive: BoolArray,
-        whole: BoolArray,
-        frames: Frames,
+        self, spectra: NDArray[np.complex64], alive: BoolArray, whole: BoolArray, frames: Frames
     ) -> Delays:
         used = [
-            (number, a, b)
-            for number, (a, b) in enumerate(self._pairs)
-            if alive[a] and alive[b]
+            (number, a, b) for number, (a, b) in enumerate(self._pairs) if alive[a] and alive[b]
         ]
-        found = [
-            self._pair(spectra[:, a], spectra[:, b], number) for number, a, b in used
-        ]
+        found = [self._pair(spectra[:, a], spectra[:, b], number) for number, a, b in used]
         delay_s, std_s, coherence = np.stack(found, axis=-1)  # frame, pair
         known = np.isfinite(delay_s) & whole[:, None]
         frame, pair = np.nonzero(known)
@@ -304,10 +281,7 @@ class _Correlator:
         return isinstance(self.recording.reader, RecordersReader)
 
     def _coarse(
-        self,
-        one: NDArray[np.complex64],
-        other: NDArray[np.complex64],
-        reach_s: float,
+        self, one: NDArray[np.complex64], other: NDArray[np.complex64], reach_s: float
     ) -> FloatArray:
         """Return the delay of every frame to a sample, s."""
         from scipy.fft import irfft
@@ -340,11 +314,7 @@ class _Correlator:
         return np.asarray(-ndtri(self.probability / n_own) * scale)
 
     def _weighted(
-        self,
-        one: NDArray[np.complex64],
-        other: NDArray[np.complex64],
-        *,
-        is_flat: bool = False,
+        self, one: NDArray[np.complex64], other: NDArray[np.complex64], *, is_flat: bool = False
     ) -> tuple[NDArray[np.complex64], FloatArray, FloatArray]:
         """Return the cross-spectrum, its level and the weights of the stretches.
 

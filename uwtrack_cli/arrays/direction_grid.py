@@ -149,9 +149,7 @@ class SpatialArray:
         waves = 2.0 * np.multiply.outer(frequency_hz, self._distances_m)
         return np.asarray(np.sinc(waves / self.sound_speed_mps))
 
-    def steering(
-        self, frequency_hz: FloatArray, toward: FloatArray
-    ) -> NDArray[np.complex64]:
+    def steering(self, frequency_hz: FloatArray, toward: FloatArray) -> NDArray[np.complex64]:
         """Return exp(-j 2 pi f p.u / c), to be summed with the spectra.
 
         Of directions u, shape (beam, 3): shape (cell, beam, element).
@@ -220,10 +218,7 @@ class SpatialArray:
             turn = np.eye(3) - (slope[:, None] * along)[:, None, :] * normal[:, None]
             spread = turn @ covariance @ turn.transpose(0, 2, 1)
         level = np.hypot(full[:, 0], full[:, 1])
-        east, north = (
-            full[:, 0] / np.maximum(level, 1e-9),
-            full[:, 1] / np.maximum(level, 1e-9),
-        )
+        east, north = (full[:, 0] / np.maximum(level, 1e-9), full[:, 1] / np.maximum(level, 1e-9))
         across = np.stack([north, -east, np.zeros_like(east)], axis=1)
         rising = np.stack([-full[:, 2] * east, -full[:, 2] * north, level], axis=1)
         turn_std = np.sqrt(_quadratic(across, spread))
@@ -287,9 +282,7 @@ class DirectionGrid:
     @cached_property
     def _fits(self) -> FloatArray:
         """Coefficients of a paraboloid from a beam and its neighbours."""
-        around = np.concatenate(
-            [np.arange(self.n_beams)[:, None], self.neighbours], axis=1
-        )
+        around = np.concatenate([np.arange(self.n_beams)[:, None], self.neighbours], axis=1)
         apart = self.toward[around] - self.toward[:, None]
         x, y = np.moveaxis(apart @ self.tangents.transpose(0, 2, 1), 2, 0) / self.step
         design = np.stack([x**0, x, y, x * x, x * y, y * y], axis=2)
@@ -325,9 +318,7 @@ class DirectionGrid:
         found[self.is_rim] = False
         return found
 
-    def refine(
-        self, beam: IntArray, around: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def refine(self, beam: IntArray, around: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return directions and heights of maxima by paraboloids.
 
         Of beams, shape (n,), and values there and at the neighbours, (n, 1 +
@@ -352,9 +343,7 @@ class DirectionGrid:
         return moved, height
 
 
-def highest_lobe(
-    array: SpatialArray, grid: DirectionGrid, frequency_hz: float
-) -> float:
+def highest_lobe(array: SpatialArray, grid: DirectionGrid, frequency_hz: float) -> float:
     """Return the highest lobe beside the main one, as a share of its power."""
     inner = np.flatnonzero(~grid.is_rim)
     some = inner[:: max(1, inner.size // 24)]

@@ -70,12 +70,8 @@ def direction_table(
     radial = radial + (length * speed_share) ** 2
     if not array.is_planar:  # its length is not free
         radial = np.full(length.size, np.nan)
-    range_m, range_std_m = surface_range(
-        stated.elevation_deg, stated.elevation_std_deg, sensor
-    )
-    lobes, lobe_bearing_deg, lobe_elevation_deg = _lobes(
-        found, array, facts.heading_deg
-    )
+    range_m, range_std_m = surface_range(stated.elevation_deg, stated.elevation_std_deg, sensor)
+    lobes, lobe_bearing_deg, lobe_elevation_deg = _lobes(found, array, facts.heading_deg)
     return Directions(
         frame=found.frame + facts.first_frame,
         source=found.source + 1,

@@ -161,10 +161,7 @@ def _pairs(delays: Delays, names: list[str], sensor: str) -> IntArray:
     known = {name: number for number, name in enumerate(names)}
     for name in np.unique([delays.channel_a, delays.channel_b]).tolist():
         if name not in known:
-            msg = (
-                f"the delays name channel {name!r}; sensor {sensor!r} has: "
-                f"{', '.join(names)}."
-            )
+            msg = f"the delays name channel {name!r}; sensor {sensor!r} has: {', '.join(names)}."
             raise DataError(msg)
     return np.array(
         [[known[a], known[b]] for a, b in zip(
@@ -190,11 +187,7 @@ def _check_reach(delays: Delays, apart: FloatArray, sensor: Sensor) -> None:
 
 
 def _fit(
-    array: SpatialArray,
-    delays: Delays,
-    apart: FloatArray,
-    rows: IntArray,
-    sensor: Sensor,
+    array: SpatialArray, delays: Delays, apart: FloatArray, rows: IntArray, sensor: Sensor
 ) -> _Fit | None:
     """Fit a plane wave to the delays of one time; None if they are too few."""
     design = apart[rows] / array.sound_speed_mps

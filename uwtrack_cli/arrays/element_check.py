@@ -40,10 +40,7 @@ class ElementCheck:
     """Whether the signs of the channels were compared."""
 
     def alive(
-        self,
-        spectra: NDArray[np.complex64],
-        frequency_hz: FloatArray,
-        time_s: float,
+        self, spectra: NDArray[np.complex64], frequency_hz: FloatArray, time_s: float
     ) -> BoolArray:
         """Return which hydrophones are used in a block that begins at a time, s.
 

@@ -93,9 +93,7 @@ def join_recorders(recordings: Sequence[Recording]) -> Recording:
     begin = max(starts)
     since_s = np.array([(begin - start) / NANOSECONDS for start in starts])
     first = np.rint(since_s * rate_hz).astype(int)
-    count = min(
-        one.n_samples - int(n) for one, n in zip(recordings, first, strict=True)
-    )
+    count = min(one.n_samples - int(n) for one, n in zip(recordings, first, strict=True))
     if count <= 0:
         msg = f"{', '.join(one.name for one in recordings)} have no time in common."
         raise DataError(msg)

@@ -13,19 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.arrays.beam_peaks import (
-    SPARE_DB,
-    FormedBeams,
-    Maxima,
-    PeakRules,
-    cells_above,
-)
-from uwtrack_cli.arrays.direction_grid import (
-    LOBE_DB,
-    DirectionGrid,
-    SpatialArray,
-    highest_lobe,
-)
+from uwtrack_cli.arrays.beam_peaks import SPARE_DB, FormedBeams, Maxima, PeakRules, cells_above
+from uwtrack_cli.arrays.direction_grid import LOBE_DB, DirectionGrid, SpatialArray, highest_lobe
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.spectra.peaks import with_noise
@@ -44,9 +33,7 @@ class Lobes:
     """Its power as a share of the main lobe's."""
 
     @classmethod
-    def of(
-        cls, array: SpatialArray, grid: DirectionGrid, frequency_hz: FloatArray
-    ) -> "Lobes":
+    def of(cls, array: SpatialArray, grid: DirectionGrid, frequency_hz: FloatArray) -> "Lobes":
         """Look at an array over a band."""
         some = np.linspace(frequency_hz[0], frequency_hz[-1], LOBE_POINTS)
         return cls(some, np.array([highest_lobe(array, grid, f) for f in some]))

@@ -163,9 +163,7 @@ class _BearingTrack:
     """Their deviations."""
 
 
-def _averages(
-    record: BearingTime, cos_angle: FloatArray, average_s: float
-) -> _Averages:
+def _averages(record: BearingTime, cos_angle: FloatArray, average_s: float) -> _Averages:
     frames = record.frames
     hop_s = frames.hop_samples / frames.sample_rate_hz
     count = max(1, round(average_s / hop_s))
@@ -187,9 +185,7 @@ def _averages(
         place, height = _standing_out(rows.mean(axis=0), noise, spare)
         found.append((np.full(place.size, number), place, height))
     nothing = np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
-    average, place, height = (
-        np.concatenate(each) for each in zip(nothing, *found, strict=True)
-    )
+    average, place, height = (np.concatenate(each) for each in zip(nothing, *found, strict=True))
     step = float(cos_angle[1] - cos_angle[0])
     middle = np.array(time_s)
     return _Averages(
@@ -232,9 +228,7 @@ def _noise(power: FloatArray, hop_windows: float) -> float:
     return one * float(np.sqrt((1.0 + 2.0 * shared) / len(power)))
 
 
-def _standing_out(
-    power: FloatArray, noise: float, spare: float
-) -> tuple[FloatArray, FloatArray]:
+def _standing_out(power: FloatArray, noise: float, spare: float) -> tuple[FloatArray, FloatArray]:
     """Return places between beams of what stands out, and by how many deviations."""
     least = SURE_DEVIATIONS * np.sqrt(2.0) * noise
     top, height = prominent_peaks(power, max(least, spare * float(np.ptp(power))))
@@ -255,8 +249,7 @@ def prominent_peaks(values: FloatArray, least: float) -> tuple[IntArray, FloatAr
     found = [
         ((begin[k] + begin[k + 1] - 1) // 2, height)
         for k in np.flatnonzero(is_top)
-        if (height := level[k] - max(_lowest(level[k::-1]), _lowest(level[k:])))
-        >= least
+        if (height := level[k] - max(_lowest(level[k::-1]), _lowest(level[k:]))) >= least
     ]
     return np.array([k for k, _ in found], np.int64), np.array([h for _, h in found])
 
@@ -307,9 +300,7 @@ def _follow(averages: _Averages) -> list[IntArray]:
             for old, add in zip(state, begun, strict=True)
         ))  # fmt: skip
         misfit = np.append(misfit[:, lasting], zero, axis=1)
-        active = np.append(
-            active[lasting], np.arange(len(members), len(members) + new.size)
-        )
+        active = np.append(active[lasting], np.arange(len(members), len(members) + new.size))
         heard_s = np.append(heard_s[lasting], np.full(new.size, time_s))
         members += [[int(one)] for one in here[new]]
     return [np.array(rows) for rows in members]
@@ -382,9 +373,7 @@ def _contact_of(track: _BearingTrack, lines: Lines) -> int:
         nearest = np.abs(lines.time_s[own][:, None] - track.time_s).argmin(axis=1)
         apart = wrap_deg(lines.measured_bearing_deg[own] - track.bearing_deg[nearest])
         # a pair of hydrophones scatters by more than that
-        spread = np.hypot(
-            lines.measured_bearing_std_deg[own], track.bearing_std_deg[nearest]
-        )
+        spread = np.hypot(lines.measured_bearing_std_deg[own], track.bearing_std_deg[nearest])
         off = float(np.median(np.abs(apart) / np.hypot(1.0, spread / SAME_DEG)))
         if off < best:
             best, number = off, int(contact)

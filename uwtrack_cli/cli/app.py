@@ -56,15 +56,9 @@ GROUPS: dict[str, dict[str, str]] = {
         "sample": "sample_commands:sample",
         "simulate": "sample_commands:simulate",
     },
-    "Folders": {
-        "batch": "batch_commands:batch",
-        "passages": "passages_commands:passages",
-    },
+    "Folders": {"batch": "batch_commands:batch", "passages": "passages_commands:passages"},
     "Live": {"watch": "watch_commands:watch"},
-    "Pictures": {
-        "plot": "picture_commands:plot",
-        "report": "picture_commands:report",
-    },
+    "Pictures": {"plot": "picture_commands:plot", "report": "picture_commands:report"},
     "Help": {"help": "app:explain"},
 }
 """Commands by what they are for: module and function of each. That of a stage documents
@@ -208,9 +202,8 @@ def _refuse_flags_as_values(found: Any, words: Sequence[str]) -> None:
     options = [p for p in found.params if p.param_type_name == "option"]
     flags = {flag for option in options for flag in option.opts}
     taking = {
-        flag for option in options if not (option.is_flag or option.count)
-        for flag in option.opts
-    }  # fmt: skip
+        flag for option in options if not (option.is_flag or option.count) for flag in option.opts
+    }
     before = itertools.takewhile(lambda word: word != "--", words)
     for flag, value in itertools.pairwise(before):
         if flag in taking and value in flags:
@@ -250,15 +243,10 @@ def _print_version(wanted: bool) -> None:
 def program(
     *,
     version: Annotated[  # noqa: ARG001 - the callback acts on it
-        bool,
-        typer.Option("--version", callback=_print_version, help="Print the version."),
+        bool, typer.Option("--version", callback=_print_version, help="Print the version.")
     ] = False,
-    verbose: Annotated[
-        int, typer.Option("--verbose", "-v", count=True, help="Say more.")
-    ] = 0,
-    quiet: Annotated[
-        bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")
-    ] = False,
+    verbose: Annotated[int, typer.Option("--verbose", "-v", count=True, help="Say more.")] = 0,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
 ) -> None:
     """Turn hydrophone recordings into vessel tracks.
 

@@ -28,9 +28,7 @@ from uwtrack_cli.cli.console import (
     show_table,
     unread_too,
 )
-from uwtrack_cli.cli.recording_arguments import (
-    SOURCE_PARAMETERS,
-)
+from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS
 from uwtrack_cli.cli.run_commands import RecipeName, Settings
 from uwtrack_cli.errors import OptionError, OutputError
 from uwtrack_cli.files.text_escaping import shell_word
@@ -78,10 +76,7 @@ class ManyOptions:
 OWN_PARAMETERS = documented(ManyOptions, "Many recordings")
 """Options of running many: where, and what belongs together."""
 
-BATCH_PARAMETERS = [
-    *OWN_PARAMETERS,
-    *(p for p in SOURCE_PARAMETERS if p.name not in PER_FILE),
-]
+BATCH_PARAMETERS = [*OWN_PARAMETERS, *(p for p in SOURCE_PARAMETERS if p.name not in PER_FILE)]
 
 
 @with_parameters(BATCH_PARAMETERS)
@@ -116,11 +111,7 @@ def batch(
         Run only what is missing or out of date.
     """
     from uwtrack_cli.flow.batch_report import check_report
-    from uwtrack_cli.flow.batch_sources import (
-        describe_recorders,
-        find_recordings,
-        make_jobs,
-    )
+    from uwtrack_cli.flow.batch_sources import describe_recorders, find_recordings, make_jobs
     from uwtrack_cli.flow.shipped_recipes import load_recipe
 
     own = ManyOptions(**{p.name: options.pop(p.name) for p in OWN_PARAMETERS})
@@ -214,9 +205,7 @@ class SoundDone:
         from uwtrack_cli.files.audio.recording_file import sound_s
 
         is_seen = sys.stderr.isatty()
-        self.total_s = [
-            sum(map(sound_s, job.sources)) if is_seen else 0.0 for job in jobs
-        ]
+        self.total_s = [sum(map(sound_s, job.sources)) if is_seen else 0.0 for job in jobs]
         """Length of the sound of each job, s; 0 where nobody looks on."""
         self._done_s = [0.0] * len(jobs)
 
@@ -234,9 +223,7 @@ class SoundDone:
         return sum(self._done_s), ""
 
 
-def _tell(
-    outcomes: "Sequence[Outcome]", folder: Path, *, as_json: bool
-) -> list[dict[str, Any]]:
+def _tell(outcomes: "Sequence[Outcome]", folder: Path, *, as_json: bool) -> list[dict[str, Any]]:
     """Print what became of the jobs; return the rows of the report."""
     from uwtrack_cli.flow.batch_report import report_rows
 
@@ -248,11 +235,7 @@ def _tell(
     if is_verbose():
         heads = ("source", "status", "passages")
         show_table(
-            heads,
-            [
-                (Path(r["source"]).name, r["status"], str(r["n_encounters"]))
-                for r in rows
-            ],
+            heads, [(Path(r["source"]).name, r["status"], str(r["n_encounters"])) for r in rows]
         )
     for text in _repeated(rows):
         say(text)

@@ -8,10 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from uwtrack_cli.cli.command_factory import AsJson, Output, with_parameters
 from uwtrack_cli.cli.console import put, say, say_wrote, show_table
-from uwtrack_cli.cli.recording_arguments import (
-    SOURCE_PARAMETERS,
-    open_source,
-)
+from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS, open_source
 from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit
 from uwtrack_cli.errors import OutputError
 
@@ -31,9 +28,10 @@ def calibrate(
     *,
     truth: Path,
     vessel: str | None = None,
-    band_hz: Annotated[
-        tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()
-    ] = (100.0, 1500.0),
+    band_hz: Annotated[tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()] = (
+        100.0,
+        1500.0,
+    ),
     window_s: Annotated[float, Unit("s"), AtLeast(0.01), AtMost(60)] = 1.0,
     within_m: Annotated[float, Unit("m"), AtLeast(1), AtMost(1e5)] = 2000.0,
     output: Output = None,
@@ -79,9 +77,8 @@ def calibrate(
     recording = open_source(source, source_options)
     known = read_any_truth(truth)
     found, sensor = calibrate_sensor(
-        recording, known, vessel=vessel, band_hz=band_hz, window_s=window_s,
-        within_m=within_m,
-    )  # fmt: skip
+        recording, known, vessel=vessel, band_hz=band_hz, window_s=window_s, within_m=within_m
+    )
     heading = (
         f"# Gains, crosstalk and compass measured with {source.name} and "
         f"{known.name}: {found.vessel} at {found.least_range_m:.0f} m.\n"

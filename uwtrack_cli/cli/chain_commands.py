@@ -50,7 +50,7 @@ RECORDERS = _argument(
 ONE_FILE = _argument("source", Path, "Result file; - is standard input.")
 FILES = _argument(
     "sources", list[Path], "Result files in any order, or a CSV table; - is standard input."
-)  # fmt: skip
+)
 BRANCH = _shared("branch", Branch)
 ENDING = [_shared("output", Output), _shared("overwrite", Overwrite, default=False)]
 """What the commands of stages have in common."""
@@ -59,22 +59,16 @@ REPLAYS = (".rep", ".dsf")
 """Endings of files of tracks and cuts."""
 
 SIDE_TABLES = {
-    "navigation": parameter(
-        "own_ship", Path | None, None, "CSV table of own ship's navigation."
-    ),
-    "roc": parameter(
-        "roc", Path | None, None, "CSV table of a measured operating curve."
-    ),
+    "navigation": parameter("own_ship", Path | None, None, "CSV table of own ship's navigation."),
+    "roc": parameter("roc", Path | None, None, "CSV table of a measured operating curve."),
 }
 """Tables that have an option of their own, by the container they hold."""
 
 SENSORS = parameter(
     "sensors", Path | None, None, "Sensor file for a table whose rows name their sensors."
-)  # fmt: skip
-
-SENSOR_FILE = parameter(
-    "sensor", Path | None, None, "Sensor file for a table of measurements."
 )
+
+SENSOR_FILE = parameter("sensor", Path | None, None, "Sensor file for a table of measurements.")
 """Option for the sensor of a stage that reads tables of one sensor, which do not hold it."""
 
 
@@ -83,9 +77,7 @@ def stage_command(name: str) -> Callable[..., None]:
     stage = find_stage(name)
     if stage.kind == "source":
         sound = RECORDERS if stage.output is Delays else SOUND
-        return stage_function(
-            stage, _source_body(stage), [sound, *SOURCE_PARAMETERS, *ENDING]
-        )
+        return stage_function(stage, _source_body(stage), [sound, *SOURCE_PARAMETERS, *ENDING])
     if stage.kind == "whole":
         return stage_function(stage, _whole_body(stage), _whole_parameters(stage))
     return stage_function(stage, _stream_body(stage), [ONE_FILE, BRANCH, *ENDING])
@@ -159,11 +151,7 @@ def _whole_body(stage: Stage) -> Any:
     def body(own: Mapping[str, Any], options: list[dict[str, Any]]) -> None:
         from uwtrack_cli.cli.targets import PIPE, target_for, write_containers
         from uwtrack_cli.files.atomic import check_target
-        from uwtrack_cli.flow.products import (
-            extended_history,
-            whole_result,
-            with_sound_at_hand,
-        )
+        from uwtrack_cli.flow.products import extended_history, whole_result, with_sound_at_hand
 
         sources: list[Path] = own["sources"]
         step = _step(stage, options[0])
@@ -211,9 +199,7 @@ def _read_sources(stage: Stage, own: Mapping[str, Any], stack: ExitStack) -> "In
             read.add(source, _wanted(stage))
     refuse_unknown_step(read.products, own["branch"])
     if own.get("sensor") is not None and read.products and stage.output is Encounters:
-        msg = (
-            f"--sensor {own['sensor']} belongs to a table; result files have their own."
-        )
+        msg = f"--sensor {own['sensor']} belongs to a table; result files have their own."
         raise DataError(msg)
     for kind in _wanted(stage):
         asked = {**SIDE_TABLES, "sensor": SENSOR_FILE}.get(kind.NAME)

@@ -16,13 +16,7 @@ from typer.core import TyperCommand
 from typer.models import ParameterInfo
 
 from uwtrack_cli.cli.console import guard, set_verbosity
-from uwtrack_cli.data.options import (
-    convert,
-    is_union,
-    makes_rungs,
-    plain_type,
-    range_of,
-)
+from uwtrack_cli.data.options import convert, is_union, makes_rungs, plain_type, range_of
 from uwtrack_cli.files.input_ledger import input_ledger
 from uwtrack_cli.flow.stage import Option, Stage, parameter_texts
 
@@ -37,12 +31,9 @@ RARE = frozenset({
 })  # fmt: skip
 """Options of stages that few people need, beside those in groups of their own."""
 
-Overwrite = Annotated[
-    bool, typer.Option("--overwrite", help="Replace an existing output file.")
-]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing output file.")]
 Output = Annotated[
-    Path | None,
-    typer.Option("--output", "-o", help="Output file; - is standard output."),
+    Path | None, typer.Option("--output", "-o", help="Output file; - is standard output.")
 ]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON on standard output.")
@@ -52,33 +43,26 @@ ProductFile = Annotated[Path, typer.Argument(help="Result file; - is standard in
 Branch = Annotated[
     str | None,
     typer.Option(
-        "--step",
-        help="Step whose results are used, if several steps made the same table.",
+        "--step", help="Step whose results are used, if several steps made the same table."
     ),
 ]
 
 Axis = Annotated[
     str | None,
     typer.Option(
-        "--axis",
-        help="Rows of another axis of the table: row (motions), lobe (directions).",
+        "--axis", help="Rows of another axis of the table: row (motions), lobe (directions)."
     ),
 ]
 NAMES = "Names of vessels"
 Ais = Annotated[
     Path | None,
     typer.Option(
-        "--ais",
-        help="AIS table or log with the names of the vessels.",
-        rich_help_panel=NAMES,
+        "--ais", help="AIS table or log with the names of the vessels.", rich_help_panel=NAMES
     ),
 ]
 WithinM = Annotated[
     float,
-    typer.Option(
-        help="Range in m within which AIS vessels are compared.",
-        rich_help_panel=NAMES,
-    ),
+    typer.Option(help="Range in m within which AIS vessels are compared.", rich_help_panel=NAMES),
 ]
 
 
@@ -113,9 +97,7 @@ def _rank(panel: str) -> int:
 
 
 def documented(
-    function: Callable[..., Any],
-    panel: str | None = None,
-    flags: Mapping[str, str] | None = None,
+    function: Callable[..., Any], panel: str | None = None, flags: Mapping[str, str] | None = None
 ) -> list[inspect.Parameter]:
     """Return the parameters of a command with what its docstring says of each.
 
@@ -164,10 +146,7 @@ def parameter(
     if panel is not None:
         info.rich_help_panel = panel
     return inspect.Parameter(
-        name,
-        inspect.Parameter.KEYWORD_ONLY,
-        default=default,
-        annotation=Annotated[kind, info],
+        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, info]
     )
 
 
@@ -176,9 +155,7 @@ def flag_of(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def checked_values(
-    function: Callable[..., Any], values: Mapping[str, Any]
-) -> dict[str, Any]:
+def checked_values(function: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values of a command, those with a range held to it.
 
     Raises

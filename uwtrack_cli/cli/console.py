@@ -15,13 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from uwtrack_cli.errors import (
-    DataError,
-    OptionError,
-    OutputError,
-    UwtrackNote,
-    UwtrackWarning,
-)
+from uwtrack_cli.errors import DataError, OptionError, OutputError, UwtrackNote, UwtrackWarning
 from uwtrack_cli.files.text_escaping import plain_text
 
 if TYPE_CHECKING:  # slow to import, and most commands draw nothing
@@ -34,9 +28,7 @@ DONE, FAILED, USAGE, SOME_FAILED, OUTSIDE = 0, 1, 2, 3, 4
 MOST_WORDS = 2000
 """Characters of an error that are shown: it may quote an input of any length."""
 
-ENDING = [
-    getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
-]
+ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 """Signals that end a command in the same order as an interrupt does."""
 
 
@@ -133,10 +125,7 @@ def screen_columns(usual: int) -> int:
 
 
 def _fitting(
-    heads: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    spare: Sequence[str],
-    width: int,
+    heads: Sequence[str], rows: Sequence[Sequence[str]], spare: Sequence[str], width: int
 ) -> list[int]:
     """Return the numbers of the columns that fit, without the spare ones if need be."""
     cells = [[head, *(row[k] for row in rows)] for k, head in enumerate(heads)]
@@ -153,15 +142,11 @@ def _console(*, stderr: bool = True, width: int | None = None) -> "Console":
     """Return a console for text in which no mark is markup."""
     from rich.console import Console
 
-    return Console(
-        stderr=stderr, width=width, markup=False, emoji=False, highlight=False
-    )
+    return Console(stderr=stderr, width=width, markup=False, emoji=False, highlight=False)
 
 
 @contextmanager
-def progress_bar(
-    title: str, total: float, things: str = ""
-) -> Iterator[Callable[..., None]]:
+def progress_bar(title: str, total: float, things: str = "") -> Iterator[Callable[..., None]]:
     """Show how much sound a run has worked on, on a terminal and after two seconds only.
 
     ``total``: sound to work on, s, or the number of ``things``, if these are named.

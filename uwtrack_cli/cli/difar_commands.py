@@ -8,12 +8,7 @@ from typing import Any
 
 from uwtrack_cli.cli.command_factory import Output, Overwrite, with_parameters
 from uwtrack_cli.cli.console import progress_bar, say_wrote, signals_end
-from uwtrack_cli.cli.live_run import (
-    IDLE_S,
-    LIVE_PARAMETERS,
-    LiveOptions,
-    say_disturbances,
-)
+from uwtrack_cli.cli.live_run import IDLE_S, LIVE_PARAMETERS, LiveOptions, say_disturbances
 from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS
 from uwtrack_cli.data.recording import LiveSource, Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
@@ -127,9 +122,7 @@ def _open(
     if live is None:
         return open_with_options(source, options, buoy)
     idle_s = IDLE_S if live.follow and live.idle_s is None else live.idle_s
-    return open_live_with_options(
-        source, options, raw=live.raw_sound(), idle_s=idle_s, sensor=buoy
-    )
+    return open_live_with_options(source, options, raw=live.raw_sound(), idle_s=idle_s, sensor=buoy)
 
 
 def _ending(recording: Recording) -> AbstractContextManager[None]:

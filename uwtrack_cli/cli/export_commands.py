@@ -4,13 +4,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from uwtrack_cli.cli.command_factory import (
-    Axis,
-    Branch,
-    Output,
-    Overwrite,
-    ProductFile,
-)
+from uwtrack_cli.cli.command_factory import Axis, Branch, Output, Overwrite, ProductFile
 from uwtrack_cli.cli.console import say
 from uwtrack_cli.cli.targets import PIPE, named_target, open_product
 from uwtrack_cli.errors import OptionError
@@ -20,8 +14,7 @@ def export(
     file: ProductFile,
     *,
     form: Annotated[
-        Literal["csv", "geojson", "kml", "raven", "netcdf", "rep", "dsf"],
-        typer.Option("--to"),
+        Literal["csv", "geojson", "kml", "raven", "netcdf", "rep", "dsf"], typer.Option("--to")
     ],
     container: Annotated[str | None, typer.Option("--table")] = None,
     sensor: str | None = None,

@@ -21,11 +21,7 @@ if TYPE_CHECKING:
     from uwtrack_cli.files.hdf5.product import Product
 
 
-def info(
-    file: Path,
-    *,
-    json_output: AsJson = False,
-) -> None:
+def info(file: Path, *, json_output: AsJson = False) -> None:
     """Describe a file in ten lines; with -v in full.
 
     For a folder, list which recordings follow each other.
@@ -36,11 +32,7 @@ def info(
         Result file, recording, or folder of recordings; - is standard input.
     """
     from uwtrack_cli.files.audio.opening import SUFFIXES
-    from uwtrack_cli.flow.information import (
-        folder_lines,
-        product_lines,
-        recording_lines,
-    )
+    from uwtrack_cli.flow.information import folder_lines, product_lines, recording_lines
 
     if file.is_dir() or file.suffix.lower() in SUFFIXES:
         if json_output:
@@ -112,9 +104,7 @@ def show(
     file: Path | None = None,
     table: str | None = None,
     *,
-    form: Annotated[
-        Literal["table", "csv", "json", "jsonl"], typer.Option("--format")
-    ] = "table",
+    form: Annotated[Literal["table", "csv", "json", "jsonl"], typer.Option("--format")] = "table",
     sensor: str | None = None,
     step: Branch = None,
     axis: Axis = None,
@@ -210,10 +200,7 @@ def _show_result(file: Path, form: str, sensor: str | None, step: str | None) ->
         is_sought = name in {"presence", "encounters"}
         suggestions = _suggestions(product) if is_sought else ()
     if form == "table" and is_shown(found):
-        print_result(
-            found, as_json=False, is_data=True, presence=presence,
-            suggestions=suggestions,
-        )  # fmt: skip
+        print_result(found, as_json=False, is_data=True, presence=presence, suggestions=suggestions)
     else:
         put(write_table(found, form))
 
@@ -226,17 +213,12 @@ def _results(product: "Product") -> tuple[str, ...]:
     usual = ("encounters", "presence", "motions", "fixes", "target", "decision")
     last = product.history[-1] if product.history else None
     if last is not None and last.sources and last.stage in STAGES:
-        return (
-            container_of(output_class(STAGES[last.stage])).NAME,
-            *usual,
-        )  # one stage by itself
+        return (container_of(output_class(STAGES[last.stage])).NAME, *usual)  # one stage by itself
     is_fused = len({key.sensor for key in product.paths if key.sensor}) > 1
     return ("fixes", *usual) if is_fused else usual
 
 
-def verify(
-    files: list[Path],
-) -> None:
+def verify(files: list[Path]) -> None:
     """Check result files for damage: checksum, completeness, schema, history.
 
     A checksum shows damage, not forgery: it has no key, and whoever changes a result

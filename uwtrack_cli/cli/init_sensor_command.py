@@ -29,7 +29,8 @@ class SensorKey:
 KEYS = {
     "kind": SensorKey(
         "omni: one hydrophone; difar: vector sensor; difar-multiplexed: sonobuoy; array",
-        "omni", is_asked=True,
+        "omni",
+        is_asked=True,
     ),
     "channels": SensorKey(
         "channels in the order of the file; - leaves one out", ["omni", "east", "north"]
@@ -54,13 +55,12 @@ KEYS = {
         [[0.0, 0.0, 0.8], [0.0, 0.6, 0.0], [0.5, -0.3, 0.0], [-0.5, -0.3, 0.0]],
     ),
     "full_scale_db": SensorKey(
-        "level of a full-scale peak, dB re 1 uPa, as recorders quote it", 176.2,
-        is_asked=True,
+        "level of a full-scale peak, dB re 1 uPa, as recorders quote it", 176.2, is_asked=True
     ),
     "sensitivity_db_re_v_per_upa": SensorKey("or the three terms of it: hydrophone", -165.0),
     "gain_db": SensorKey("gain of the amplifier", 20.0),
     "adc_peak_v": SensorKey("peak voltage at full scale", 1.0),
-}  # fmt: skip
+}
 """Keys in the order of the file."""
 
 STANDARD_INPUT = 0
@@ -81,10 +81,7 @@ PARAMETERS = [
 
 @with_parameters(PARAMETERS)
 def init_sensor(
-    identifier: Annotated[str, typer.Argument(metavar="ID")],
-    *,
-    output: Output = None,
-    **given: Any,
+    identifier: Annotated[str, typer.Argument(metavar="ID")], *, output: Output = None, **given: Any
 ) -> None:
     """Write a commented sensor file, from options or by asking.
 
@@ -102,9 +99,7 @@ def init_sensor(
 
     known = {name: value for name, value in given.items() if value is not None}
     if output not in {None, PIPE} and output.exists():
-        msg = (
-            f"{output} exists already, and init-sensor replaces no file: give another."
-        )
+        msg = f"{output} exists already, and init-sensor replaces no file: give another."
         raise OutputError(msg)
     if not known and os.isatty(STANDARD_INPUT):
         known = _asked(identifier)

@@ -88,17 +88,12 @@ _MADE: dict[str, Schema] = {
         ["array", "null"],
     ),
     "reasons": _told(
-        {"type": "object", "additionalProperties": _TEXT},
-        "Why a value is null, by its key.",
+        {"type": "object", "additionalProperties": _TEXT}, "Why a value is null, by its key."
     ),
 }
 """Keys of objects that `json_rows` makes of several columns, or in words of its own."""
 
-_ALWAYS = {
-    "ambiguity_weight",
-    "evidence_nepers",
-    "alternative_motion_model_probability",
-}
+_ALWAYS = {"ambiguity_weight", "evidence_nepers", "alternative_motion_model_probability"}
 """Columns of numbers that are known wherever the object that they are in is."""
 
 _NUISANCES = (
@@ -138,8 +133,7 @@ def _events() -> Schema:
     An encounter and a segment of presence have the keys of their containers, too.
     """
     encounter, presence = (
-        _container(CONTAINERS[name])["items"]["properties"]
-        for name in ("encounters", "presence")
+        _container(CONTAINERS[name])["items"]["properties"] for name in ("encounters", "presence")
     )
     keys = {**presence, **encounter, **_OF_LINES_AND_GAPS, **_EVENT}
     title = {"title": "An event of live sound: one JSON object per line."}
@@ -251,8 +245,7 @@ def _documented(kind: type[Container], key: str) -> Schema:
         plain, facts = scalar_types(kind)[name], kind.scalars()[name].metadata
         return {**_scalar(plain, facts), **(_TEXT if plain is str else {})}
     cells = {
-        inner: _cell(columns[name], is_known=name in _ALWAYS)
-        for inner, name in one.columns.items()
+        inner: _cell(columns[name], is_known=name in _ALWAYS) for inner, name in one.columns.items()
     }
     text = {"nuisances": _NUISANCES, **kind.OBJECTS}.get(key, "")
     body = cells.get("") or _object(cells)

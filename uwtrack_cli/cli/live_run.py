@@ -16,13 +16,7 @@ from warnings import warn
 from uwtrack_cli.cli.command_factory import documented, flag_of
 from uwtrack_cli.cli.console import put, say, say_wrote, signals_end
 from uwtrack_cli.cli.sensitivity import say_sensitivity
-from uwtrack_cli.cli.targets import (
-    PIPE,
-    WANTED_TWICE,
-    product_name,
-    refuse_no_pipe,
-    writer_for,
-)
+from uwtrack_cli.cli.targets import PIPE, WANTED_TWICE, product_name, refuse_no_pipe, writer_for
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.recording import LiveSource, Recording
 from uwtrack_cli.data.renamed import with_old_keys
@@ -108,9 +102,7 @@ class LiveOptions:
 
         if self.raw is None:
             if self.rate_hz is not None or self.channels is not None:
-                msg = (
-                    "--rate-hz and --channels go with --raw FORMAT; a header has them."
-                )
+                msg = "--rate-hz and --channels go with --raw FORMAT; a header has them."
                 raise OptionError(msg)
             return None
         if self.rate_hz is None:
@@ -165,19 +157,13 @@ def run_live(
         idle_s = IDLE_S
     raw = live.raw_sound()
     with writer_for(target, overwrite=overwrite, inputs=[source]) as writer:
-        recording = open_live_with_options(
-            source, source_options, raw=raw, idle_s=idle_s
-        )
+        recording = open_live_with_options(source, source_options, raw=raw, idle_s=idle_s)
         say(f"{recording.name}: live, {recording.sample_rate_hz:g} Hz", 1)
         reader = recording.reader
         assert isinstance(reader, LiveSource)  # noqa: S101 - it was opened so
         with signals_end(reader.end):
             made = run_into_product(
-                recording,
-                recipe,
-                writer,
-                keep=keep,
-                tell=put_event if as_json else None,
+                recording, recipe, writer, keep=keep, tell=put_event if as_json else None
             )
     if not as_json:  # as events they were told
         say_disturbances(reader, recording)

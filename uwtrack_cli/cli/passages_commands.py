@@ -23,13 +23,10 @@ Form = Literal["table", "csv", "json", "jsonl", "parquet", "geojson"]
 
 LEVELS = (
     Head("band Hz", "centre_hz", 1),
-    Head(
-        "radiated dB re 1 uPa m", "radiated_noise_level_db", 1,
-        "radiated_noise_level_std_db",
-    ),
+    Head("radiated dB re 1 uPa m", "radiated_noise_level_db", 1, "radiated_noise_level_std_db"),
     Head("received dB", "received_level_db", 1),
     Head("background dB", "background_level_db", 1),
-)  # fmt: skip
+)
 SPARE_OF_LEVELS = ("received dB", "sensor", "vessel")
 SPARE = ("level dB", "status", "course deg", "sensor", "contact", "recording")
 """Columns that a narrow table does without."""
@@ -101,16 +98,12 @@ def passages(  # noqa: PLR0913 - three views of one table
         say(f"wrote {output}")
 
 
-def _check(
-    per: str | None, sql: str | None, bands: bool, form: str, output: Path | None
-) -> None:
+def _check(per: str | None, sql: str | None, bands: bool, form: str, output: Path | None) -> None:
     if (per is not None) + (sql is not None) + bands > 1:
         msg = "--per, --sql and --bands each make a table of their own: give one."
         raise OptionError(msg)
     if form in {"parquet", "geojson"} and (per is not None or sql is not None):
-        msg = (
-            f"--to {form} holds passages; counts and queries go to table, csv or jsonl."
-        )
+        msg = f"--to {form} holds passages; counts and queries go to table, csv or jsonl."
         raise OptionError(msg)
     if form == "geojson" and bands:
         msg = "--to geojson holds passages; levels go to table, csv, jsonl or parquet."
@@ -132,9 +125,7 @@ def _tell(table: "PassageTable") -> None:
         say("no passage was found")
 
 
-def _write_levels(
-    table: "PassageTable", form: str, output: Path | None, overwrite: bool
-) -> None:
+def _write_levels(table: "PassageTable", form: str, output: Path | None, overwrite: bool) -> None:
     from uwtrack_cli.flow.exports.passage_tables import LEVEL_COLUMNS
 
     if form == "parquet" and output is not None:
@@ -153,22 +144,15 @@ def _write_levels(
             is_data=True, spare=SPARE_OF_LEVELS,
         )  # fmt: skip
     else:
-        _write_rows(
-            list(map(asdict, table.levels)), form, output, overwrite, LEVEL_COLUMNS
-        )
+        _write_rows(list(map(asdict, table.levels)), form, output, overwrite, LEVEL_COLUMNS)
     if table.levels:
         say("levels at 1 m of single passages, surface image included: not ISO 17208")
     elif table.passages:
-        say(
-            "no passage has levels: they need a calibrated sensor and a step 'radiated'"
-        )
+        say("no passage has levels: they need a calibrated sensor and a step 'radiated'")
 
 
 def _write_parquet(
-    table: "PassageTable",
-    name: Literal["passages", "levels"],
-    output: Path,
-    overwrite: bool,
+    table: "PassageTable", name: Literal["passages", "levels"], output: Path, overwrite: bool
 ) -> None:
     from uwtrack_cli.files.atomic import atomic_target
     from uwtrack_cli.flow.exports.passage_tables import parquet_bytes
@@ -178,13 +162,8 @@ def _write_parquet(
         temporary.write_bytes(content)
 
 
-def _write_passages(
-    table: "PassageTable", form: str, output: Path | None, overwrite: bool
-) -> None:
-    from uwtrack_cli.flow.exports.passage_tables import (
-        COLUMNS,
-        passages_geojson,
-    )
+def _write_passages(table: "PassageTable", form: str, output: Path | None, overwrite: bool) -> None:
+    from uwtrack_cli.flow.exports.passage_tables import COLUMNS, passages_geojson
 
     rows = table.passages
     if form == "table" and output is None:
@@ -193,9 +172,7 @@ def _write_passages(
     elif form == "geojson":
         placed = sum(row.latitude is not None for row in rows)
         if placed < len(rows):
-            say(
-                f"warning: {len(rows) - placed} of {len(rows)} passages have no position"
-            )
+            say(f"warning: {len(rows) - placed} of {len(rows)} passages have no position")
         _place(passages_geojson(rows).splitlines(), output, overwrite)
     elif form == "parquet" and output is not None:
         _write_parquet(table, "passages", output, overwrite)
@@ -214,9 +191,7 @@ def _write_rows(
 
     names = list(heads or (rows[0] if rows else ()))
     if form == "table" and output is None:
-        cells = [
-            ["-" if row[n] is None else str(row[n]) for n in names] for row in rows
-        ]
+        cells = [["-" if row[n] is None else str(row[n]) for n in names] for row in rows]
         # a query may ask for more than a screen holds; a file takes it whole
         is_narrow = sys.stdout.isatty() or "COLUMNS" in os.environ
         spare = names[:0:-1] if is_narrow else ()

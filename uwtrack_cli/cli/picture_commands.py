@@ -7,19 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from uwtrack_cli.cli.command_factory import (
-    Ais,
-    Branch,
-    Output,
-    Overwrite,
-    WithinM,
-    with_parameters,
-)
+from uwtrack_cli.cli.command_factory import Ais, Branch, Output, Overwrite, WithinM, with_parameters
 from uwtrack_cli.cli.console import progress_bar, say
-from uwtrack_cli.cli.recording_arguments import (
-    SOURCE_PARAMETERS,
-    open_source,
-)
+from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS, open_source
 from uwtrack_cli.cli.targets import PIPE, Inputs, named_target, open_product
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.bearing_time import BearingTime
@@ -44,9 +34,7 @@ DRAWN = frozenset({"overview", "levels", "lines", "encounters", "fixes", "presen
 WITHIN_M = 2000.0
 """Range within which AIS vessels are expected unless told, m."""
 
-UnitsOption = Annotated[
-    Literal["kn", "mps"], typer.Option("--units", help="Unit of every speed.")
-]
+UnitsOption = Annotated[Literal["kn", "mps"], typer.Option("--units", help="Unit of every speed.")]
 HAS_NO_USE = {"sensor", "sensor_sound_speed_mps", "own_ship"}
 SOUND_PARAMETERS = [p for p in SOURCE_PARAMETERS if p.name not in HAS_NO_USE]
 """How a recording is opened: what its picture depends on, beside the sensor file."""
@@ -54,9 +42,7 @@ SOUND_PARAMETERS = [p for p in SOURCE_PARAMETERS if p.name not in HAS_NO_USE]
 OF_SOUND = {"window_s", "db_range", "colormap", *(p.name for p in SOUND_PARAMETERS)}
 """Options that have a meaning for recordings alone."""
 
-OF_PRODUCTS = {
-    "contact", "passage", "is_demon", "has_lines", "units", "ais", "within_m", "step",
-}  # fmt: skip
+OF_PRODUCTS = {"contact", "passage", "is_demon", "has_lines", "units", "ais", "within_m", "step"}
 """Options that have a meaning for products alone."""
 
 
@@ -72,9 +58,7 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
     sensor: str | None = None,
     begin: Annotated[str | None, typer.Option("--from")] = None,
     end: Annotated[str | None, typer.Option("--to")] = None,
-    band_hz: Annotated[
-        tuple[float, float] | None, Unit("Hz"), AtLeast(0), Increasing()
-    ] = None,
+    band_hz: Annotated[tuple[float, float] | None, Unit("Hz"), AtLeast(0), Increasing()] = None,
     is_log: Annotated[bool | None, typer.Option("--log/--linear")] = None,
     has_lines: Annotated[bool | None, typer.Option("--lines/--no-lines")] = None,
     units: UnitsOption = "kn",
@@ -140,12 +124,7 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
         Dots per inch; by default 110, in a PDF 220.
     """
     try:
-        from uwtrack_cli.plotting.page import (
-            check_picture,
-            choose_pages,
-            pages_of,
-            write_pages,
-        )
+        from uwtrack_cli.plotting.page import check_picture, choose_pages, pages_of, write_pages
         from uwtrack_cli.plotting.style import WIDE_IN
         from uwtrack_cli.plotting.view import View
     except ImportError as error:
@@ -171,9 +150,7 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
     is_one = is_demon or not contact is passage is None
     needs_sound = is_one or is_document or view.is_zoomed
     containers, tracks = _read(files, step, ais, within_m, needs_sound=needs_sound)
-    pages = choose_pages(
-        pages_of(containers, tracks, is_demon=is_demon), contact, sensor, passage
-    )
+    pages = choose_pages(pages_of(containers, tracks, is_demon=is_demon), contact, sensor, passage)
     if sensor is None and not is_document:
         _refuse_several(pages if is_one else pages[:1])
     write_pages(pages, target, view, overwrite=overwrite)
@@ -202,9 +179,7 @@ def _is_sound(files: Sequence[Path]) -> bool:
 
     sounds = [path for path in files if path.suffix.lower() in SUFFIXES]
     if sounds and len(files) > 1:
-        msg = (
-            f"{sounds[0]} is a recording, which is drawn by itself: plot one at a time."
-        )
+        msg = f"{sounds[0]} is a recording, which is drawn by itself: plot one at a time."
         raise OptionError(msg)
     return bool(sounds)
 
@@ -220,8 +195,7 @@ def _refuse_foreign(context: typer.Context, file: Path, *, is_sound: bool) -> No
                 f"belongs to a result file, and {file} is a recording: draw the file "
                 f"that 'uwtrack run' makes of it"
                 if is_sound
-                else f"belongs to a recording, and {file} is a result file: give the "
-                f"sound file"
+                else f"belongs to a recording, and {file} is a result file: give the sound file"
             )
             msg = f"{flag} {why}, or leave it out."
             raise OptionError(msg)
@@ -276,9 +250,8 @@ def _picture_name(
 
 
 def _read(
-    files: Sequence[Path], step: str | None, ais: Path | None, within_m: float,
-    *, needs_sound: bool,
-) -> tuple[list[Container], list[VesselTrack]]:  # fmt: skip
+    files: Sequence[Path], step: str | None, ais: Path | None, within_m: float, *, needs_sound: bool
+) -> tuple[list[Container], list[VesselTrack]]:
     """Read what the pages show, with the sound where it is at hand, and AIS."""
     from uwtrack_cli.files.hdf5.layout import CONTAINERS
     from uwtrack_cli.flow.branches import refuse_unknown_step
@@ -334,8 +307,7 @@ def with_more(
     sensors = [c for c in found if isinstance(c, Sensor)]
     recordings = [c for c in found if isinstance(c, Recording)]
     named = [
-        vessels.name(c, sensors, recordings) if isinstance(c, Encounters) else c
-        for c in found
+        vessels.name(c, sensors, recordings) if isinstance(c, Encounters) else c for c in found
     ]
     if len(sensors) != 1:
         return [*named, *navigation], []
@@ -344,10 +316,7 @@ def with_more(
 
 
 def _refuse_second(
-    file: Path,
-    before: Sequence[Container],
-    added: Sequence[Container],
-    owners: dict[str, Path],
+    file: Path, before: Sequence[Container], added: Sequence[Container], owners: dict[str, Path]
 ) -> None:
     """Refuse a file that repeats, with other content, what an earlier one holds."""
     for container in added:
@@ -410,10 +379,7 @@ def report(  # noqa: PLR0913 (one parameter for each option)
     is_folder = file.is_dir()
     target = named_target(output, file / "report" if is_folder else file, ".html")
     if pages and not is_folder:
-        msg = (
-            "--pages writes the pages of the result files in a folder; this is one "
-            "result file."
-        )
+        msg = "--pages writes the pages of the result files in a folder; this is one result file."
         raise OptionError(msg)
     inputs = () if is_folder or file == PIPE else (file,)
     check_target(target, overwrite=overwrite, inputs=inputs)
@@ -440,9 +406,7 @@ def report(  # noqa: PLR0913 (one parameter for each option)
     say(f"wrote {target}")
 
 
-def _write_pages_of(
-    folder: Path, text_of: Callable[[Path], str], *, overwrite: bool
-) -> None:
+def _write_pages_of(folder: Path, text_of: Callable[[Path], str], *, overwrite: bool) -> None:
     """Write the page of every product of a folder that has none, or all anew."""
     from uwtrack_cli.files.atomic import write_text
     from uwtrack_cli.flow.passages import find_results
@@ -457,22 +421,14 @@ def _write_pages_of(
 
 
 def _of_folder(
-    folder: Path,
-    beside: Path,
-    ais: Path | None,
-    within_m: float,
-    made: Mapping[str, Any],
+    folder: Path, beside: Path, ais: Path | None, within_m: float, made: Mapping[str, Any]
 ) -> str:
     """Return the report of a folder."""
     from uwtrack_cli.files.hdf5.product import read_product
     from uwtrack_cli.flow.deployment import read_deployment
     from uwtrack_cli.flow.passages import collect_passages, usual_cache
     from uwtrack_cli.flow.rerun_sources import with_sound
-    from uwtrack_cli.plotting.deployment_report import (
-        MOST_THUMBNAILS,
-        deployment_html,
-        glances,
-    )
+    from uwtrack_cli.plotting.deployment_report import MOST_THUMBNAILS, deployment_html, glances
 
     table = collect_passages([folder], ais=ais, within_m=within_m, cache=usual_cache())
     deployment = read_deployment([folder], table, glanced=MOST_THUMBNAILS)
@@ -482,8 +438,7 @@ def _of_folder(
         if made["speed_up"] is None:
             return found
         with read_product(path) as product:
-            return [with_sound(c, [product]) if isinstance(c, Recording) else c
-                    for c in found]  # fmt: skip
+            return [with_sound(c, [product]) if isinstance(c, Recording) else c for c in found]
 
     gallery = glances(beside, read, **made)
     return deployment_html(deployment, folder.resolve().name, gallery, made["units"])

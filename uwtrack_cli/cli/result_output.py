@@ -87,11 +87,7 @@ def _print_statements(container: Container, *, is_data: bool) -> None:
 
 
 def _print_summary(
-    container: Container,
-    presence: Presence | None,
-    *,
-    is_data: bool,
-    suggestions: Sequence[str],
+    container: Container, presence: Presence | None, *, is_data: bool, suggestions: Sequence[str]
 ) -> None:
     """Print the columns of the summary; what is missing goes to the console."""
     from uwtrack_cli.files.tables.json_rows import json_rows
@@ -149,14 +145,10 @@ def _detected(presence: Presence, suggestions: Sequence[str]) -> list[str]:
     from uwtrack_cli.files.tables.presence_words import presence_sentences
 
     has_passed = bool((presence.encounter > 0).any())
-    return presence_sentences(
-        json_rows(presence), is_passed=has_passed, suggestions=suggestions
-    )
+    return presence_sentences(json_rows(presence), is_passed=has_passed, suggestions=suggestions)
 
 
-def _reasons(
-    name: str, rows: Sequence[dict[str, Any]], spoken: Sequence[str]
-) -> Iterator[str]:
+def _reasons(name: str, rows: Sequence[dict[str, Any]], spoken: Sequence[str]) -> Iterator[str]:
     """Yield why values of a summary are missing, every reason that was not spoken, once."""
     shown = {head.key for head in SUMMARIES[name]}
     if all(row.get("vessel") is None for row in rows):

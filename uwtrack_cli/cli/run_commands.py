@@ -16,16 +16,8 @@ from uwtrack_cli.cli.command_factory import (
     with_parameters,
 )
 from uwtrack_cli.cli.console import progress_bar, put, say, say_wrote
-from uwtrack_cli.cli.live_run import (
-    LIVE_PARAMETERS,
-    LiveOptions,
-    live_target,
-    run_live,
-)
-from uwtrack_cli.cli.recording_arguments import (
-    SOURCE_PARAMETERS,
-    open_source,
-)
+from uwtrack_cli.cli.live_run import LIVE_PARAMETERS, LiveOptions, live_target, run_live
+from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS, open_source
 from uwtrack_cli.cli.result_output import print_result
 from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.cli.targets import PIPE, WANTED_TWICE
@@ -53,9 +45,7 @@ def _recipes(incomplete: str) -> list[str]:
 RecipeName = Annotated[
     str,
     typer.Option(
-        "--recipe",
-        help="Name of a shipped recipe, or a TOML file.",
-        autocompletion=_recipes,
+        "--recipe", help="Name of a shipped recipe, or a TOML file.", autocompletion=_recipes
     ),
 ]
 
@@ -175,9 +165,8 @@ def _run_live(
     target = live_target(source, output, as_json=as_json)
     options = {**source_options, "sensor": sensor}
     made = run_live(
-        source, live, options, recipe, keep, target,
-        overwrite=overwrite, as_json=as_json,
-    )  # fmt: skip
+        source, live, options, recipe, keep, target, overwrite=overwrite, as_json=as_json
+    )
     if not as_json:
         ended = [h.container for h in made if isinstance(h.container, Recording)]
         names = [str(source)] if live.follow else ["RECORDING"] * len(ended)
@@ -203,9 +192,8 @@ def _run_one(
         writer_for(target, overwrite=overwrite, inputs=[source]) as writer,
     ):
         made = run_into_product(
-            recording, recipe, writer,
-            keep=keep, progress=done, vessels=vessels, whole=whole,
-        )  # fmt: skip
+            recording, recipe, writer, keep=keep, progress=done, vessels=vessels, whole=whole
+        )
     say_sensitivity([held.container for held in made])
     say_wrote(target)
     return made
@@ -214,10 +202,7 @@ def _run_one(
 def _refuse_names(ais: Path | None) -> None:
     """Refuse AIS beside sound whose passages are told before a table can know them."""
     if ais is not None:
-        msg = (
-            "--ais goes with recordings; of live sound, uwtrack passages --ais names "
-            "the vessels."
-        )
+        msg = "--ais goes with recordings; of live sound, uwtrack passages --ais names the vessels."
         raise OptionError(msg)
 
 
@@ -251,9 +236,7 @@ def _usual_recipe(
     ])  # fmt: skip
 
 
-def _sensor_of_each(
-    sources: Sequence[Path], sensors: Sequence[Path] | None
-) -> list[Path | None]:
+def _sensor_of_each(sources: Sequence[Path], sensors: Sequence[Path] | None) -> list[Path | None]:
     """Return the sensor file of each recording: one each, or one deployment for all."""
     from uwtrack_cli.files.tables.sensors import load_deployment
 
@@ -270,9 +253,7 @@ def _sensor_of_each(
     raise OptionError(msg)
 
 
-def _refuse_twice(
-    sources: Sequence[Path], targets: Sequence[Path], *, as_json: bool
-) -> None:
+def _refuse_twice(sources: Sequence[Path], targets: Sequence[Path], *, as_json: bool) -> None:
     """Refuse two results that would be written to one place."""
     if as_json and PIPE in targets:
         raise OptionError(WANTED_TWICE)

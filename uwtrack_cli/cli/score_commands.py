@@ -25,8 +25,7 @@ STRAIGHT = "straight"
 """The motion model that goes without saying."""
 
 Tolerance = Annotated[
-    Path | None,
-    typer.Option("--tolerance", help="TOML file with limits per quantity."),
+    Path | None, typer.Option("--tolerance", help="TOML file with limits per quantity.")
 ]
 
 
@@ -56,9 +55,7 @@ def diff(
 
     tolerances = read_closeness(tolerance) if tolerance else {}
     with open_product(first) as one, open_product(second) as other:
-        found = compare_products(
-            one, other, rtol=rtol, atol=atol, tolerances=tolerances
-        )
+        found = compare_products(one, other, rtol=rtol, atol=atol, tolerances=tolerances)
     with unread_too():
         if json_output:
             put([json.dumps([with_old_keys(plain(asdict(item))) for item in found])])

@@ -15,20 +15,13 @@ from uwtrack_cli.files.input_ledger import read_standard_input, standard_input
 
 if TYPE_CHECKING:  # h5py is slow to import, and --help does not need it
     from uwtrack_cli.data.sensor import Sensor
-    from uwtrack_cli.files.hdf5.product import (
-        HistoryStep,
-        Product,
-        ProductWriter,
-        Source,
-    )
+    from uwtrack_cli.files.hdf5.product import HistoryStep, Product, ProductWriter, Source
     from uwtrack_cli.flow.products import Held
 
 PIPE = Path("-")
 """Standard input or output."""
 
-WANTED_TWICE = (
-    "--json and the result file would both go to standard output; give -o FILE."
-)
+WANTED_TWICE = "--json and the result file would both go to standard output; give -o FILE."
 """Why a command does not print JSON beside a product on standard output."""
 
 
@@ -101,9 +94,7 @@ def writer_for(
         standard_input()  # a file may stand behind it
     if target != PIPE:
         real = [path for path in inputs if path != PIPE]
-        with ProductWriter(
-            target, history=history, overwrite=overwrite, inputs=real
-        ) as writer:
+        with ProductWriter(target, history=history, overwrite=overwrite, inputs=real) as writer:
             yield writer
         return
     refuse_no_pipe()
@@ -153,11 +144,7 @@ class Inputs:
     """
 
     def __init__(
-        self,
-        stack: ExitStack,
-        branch: str | None = None,
-        *,
-        takes_asides: bool = False,
+        self, stack: ExitStack, branch: str | None = None, *, takes_asides: bool = False
     ) -> None:
         self._stack = stack
         self._takes_asides = takes_asides
@@ -183,9 +170,7 @@ class Inputs:
         if is_kept:
             self.held += [Held(sensor) for sensor in self._sensors]
 
-    def add_replay(
-        self, paths: Sequence[Path], wanted: tuple[type[Container], ...]
-    ) -> None:
+    def add_replay(self, paths: Sequence[Path], wanted: tuple[type[Container], ...]) -> None:
         """Read REP and DSF files together: tracks of one serve the cuts of another.
 
         Raises
@@ -198,9 +183,7 @@ class Inputs:
         from uwtrack_cli.flow.products import Held
 
         if Series not in wanted or self._sensors:
-            why = (
-                "--sensors belongs to a CSV table" if self._sensors else "not read here"
-            )
+            why = "--sensors belongs to a CSV table" if self._sensors else "not read here"
             msg = f"{paths[0]} is a file of tracks and cuts: {why}."
             raise DataError(msg)
         self.held.append(Held(read_replay(paths)))
@@ -235,11 +218,7 @@ class Inputs:
         from uwtrack_cli.files.hdf5.product import read_product_bytes, source_of
         from uwtrack_cli.files.tables.scan_tables import TABLES
         from uwtrack_cli.flow.branches import sole_keys
-        from uwtrack_cli.flow.products import (
-            Held,
-            small_containers,
-            source_of_product,
-        )
+        from uwtrack_cli.flow.products import Held, small_containers, source_of_product
 
         content = read_standard_input() if path == PIPE else b""
         if content and b"\0" not in content:
@@ -275,9 +254,7 @@ class Inputs:
 
 
 def _read_table(
-    path: Path,
-    wanted: tuple[type[Container], ...],
-    sensors: "Sequence[Sensor]" = (),
+    path: Path, wanted: tuple[type[Container], ...], sensors: "Sequence[Sensor]" = ()
 ) -> Container:
     """Read a CSV table as the first container that has a table and is wanted."""
     from uwtrack_cli.files.tables.replay import SUFFIXES, read_replay_track

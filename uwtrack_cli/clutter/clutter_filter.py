@@ -25,10 +25,7 @@ from uwtrack_cli.estimation.detection_threshold import (
     prior_rule,
 )
 from uwtrack_cli.estimation.imm import Belief, advance, mix, moments, reweigh
-from uwtrack_cli.estimation.information_reduction import (
-    gate_probability,
-    unit_ball_volume,
-)
+from uwtrack_cli.estimation.information_reduction import gate_probability, unit_ball_volume
 from uwtrack_cli.estimation.operating_curve import OperatingCurve
 from uwtrack_cli.estimation.probabilistic_association import (
     Association,
@@ -79,9 +76,7 @@ class ClutterSetting:
         nothing: FloatArray = np.empty(0)
         extrema = nothing
         if self.rule in {"prior", "region"}:
-            rule = prior_rule(
-                self.curve, self.limits, dimension=self.dimension, gate=self.gate
-            )
+            rule = prior_rule(self.curve, self.limits, dimension=self.dimension, gate=self.gate)
             object.__setattr__(self, "prior", rule)
         if self.rule == "posterior":
             inside = gate_probability(self.gate, self.dimension)
@@ -197,9 +192,7 @@ def look(predicted: Belief, scan: Scan, setting: ClutterSetting) -> Look:
 def learn(seen: Look, association: Association) -> ScanUpdate:
     """Correct the filters by the associations, and weigh the models by the scan."""
     predicted = seen.predicted
-    state, spread = correct(
-        predicted.mean, predicted.covariance, seen.each, association
-    )
+    state, spread = correct(predicted.mean, predicted.covariance, seen.each, association)
     weight = reweigh(predicted, association.log_likelihood_ratio)
     after = Belief(state, spread, weight)
     return ScanUpdate(
@@ -210,10 +203,7 @@ def learn(seen: Look, association: Association) -> ScanUpdate:
 
 
 def shrunk_gate(
-    false_alarm: FloatArray,
-    detection: FloatArray,
-    one_cell: FloatArray,
-    gate: float,
+    false_alarm: FloatArray, detection: FloatArray, one_cell: FloatArray, gate: float
 ) -> FloatArray:
     """Return the radius of the validation region in the two-step rule.
 
@@ -261,9 +251,7 @@ def shrunk_gate(
     return radius
 
 
-def _cell_volume(
-    predicted: Belief, setting: ClutterSetting, own: FloatArray | None
-) -> FloatArray:
+def _cell_volume(predicted: Belief, setting: ClutterSetting, own: FloatArray | None) -> FloatArray:
     """Return the volume of a resolution cell where the target is expected.
 
     ``(...)``, or one that is the same everywhere.
@@ -322,9 +310,7 @@ def _operate(
             cell_volume=cell_volume, gate=setting.gate, extrema=setting.extrema,
         )  # fmt: skip
         if merged is each:
-            point = OperatingPoint(
-                point.false_alarm[0], point.detection[0], point.allowed[0]
-            )
+            point = OperatingPoint(point.false_alarm[0], point.detection[0], point.allowed[0])
         return point, gate
     if setting.rule == "fixed":
         false_alarm = np.full(runs, setting.false_alarm)
@@ -345,9 +331,7 @@ def _operate(
     return OperatingPoint(false_alarm, detection, allowed), gate
 
 
-def _average(
-    association: Association, after: FloatArray, before: FloatArray
-) -> Association:
+def _average(association: Association, after: FloatArray, before: FloatArray) -> Association:
     """Average the hypotheses' probabilities over the models."""
     ratio = association.log_likelihood_ratio
     if after.shape[0] == 1:

@@ -11,20 +11,10 @@ import numpy as np
 from uwtrack_cli.clutter.clutter_filter import ClutterSetting, ThresholdRule
 from uwtrack_cli.clutter.sensing import Sensing
 from uwtrack_cli.data.base import FloatArray, TextArray
-from uwtrack_cli.data.options import (
-    AtLeast,
-    AtMost,
-    Below,
-    Increasing,
-    OptionGroup,
-    Unit,
-)
+from uwtrack_cli.data.options import AtLeast, AtMost, Below, Increasing, OptionGroup, Unit
 from uwtrack_cli.data.scans import Roc
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.estimation.constant_velocity import (
-    constant_velocity,
-    coordinated_turn,
-)
+from uwtrack_cli.estimation.constant_velocity import constant_velocity, coordinated_turn
 from uwtrack_cli.estimation.operating_curve import (
     OperatingCurve,
     constant_curve,
@@ -67,9 +57,7 @@ class Detector(OptionGroup):
     model: Literal["fluctuating", "gaussian", "steady"] = "fluctuating"
     snr_db: Annotated[float | None, Unit("dB"), AtLeast(-60.0), AtMost(120.0)] = None
     false_alarm_probability: Probability = 0.01
-    detection_probability: Annotated[
-        float | None, Unit("1"), AtLeast(1e-12), AtMost(1.0)
-    ] = None
+    detection_probability: Annotated[float | None, Unit("1"), AtLeast(1e-12), AtMost(1.0)] = None
     cell_volume: Annotated[float | None, AtLeast(1e-12), AtMost(1e24)] = None
     false_alarm_range: Annotated[
         tuple[float, float], Unit("1"), AtLeast(1e-12), Below(1.0), Increasing()
@@ -101,19 +89,14 @@ class TargetMotion(OptionGroup):
     manoeuvre_std: Deviation | None = None
     manoeuvre_start_probability: Probability = 0.02
     manoeuvre_stop_probability: Probability = 0.2
-    turn_rate_degps: Annotated[
-        float | None, Unit("degree/s"), AtLeast(1e-6), AtMost(360.0)
-    ] = None
+    turn_rate_degps: Annotated[float | None, Unit("degree/s"), AtLeast(1e-6), AtMost(360.0)] = None
 
     def __post_init__(self) -> None:
         """Refuse a manoeuvre that is no stronger than the quiet motion."""
         super().__post_init__()
         quiet, manoeuvre = self.acceleration_std, self.manoeuvre_std
         if quiet is not None and manoeuvre is not None and not manoeuvre > quiet:
-            msg = (
-                f"motion.manoeuvre_std must be above acceleration_std ({quiet}), "
-                f"got {manoeuvre}."
-            )
+            msg = f"motion.manoeuvre_std must be above acceleration_std ({quiet}), got {manoeuvre}."
             raise OptionError(msg)
 
 
@@ -196,9 +179,7 @@ def clutter_setting(
 def _curve(detector: Detector, roc: Roc | None, *, adaptive: bool) -> OperatingCurve:
     if roc is not None:
         _check_roc(roc)
-        return measured_curve(
-            roc.false_alarm_probability, roc.detection_probability, roc.threshold
-        )
+        return measured_curve(roc.false_alarm_probability, roc.detection_probability, roc.threshold)
     detection = detector.detection_probability
     if detection is not None and not adaptive:
         return constant_curve(detection)

@@ -69,9 +69,7 @@ def track_in_clutter(  # noqa: PLR0913 - three containers and eleven options
     navigation: Navigation | None = None,
     *,
     targets: Literal["given", "auto"] = "given",
-    false_tracks_per_hour: Annotated[
-        float, Unit("1/h"), AtLeast(1e-9), AtMost(1e9)
-    ] = 1.0,
+    false_tracks_per_hour: Annotated[float, Unit("1/h"), AtLeast(1e-9), AtMost(1e9)] = 1.0,
     threshold: Literal["fixed", "prior", "posterior", "region"] = "prior",
     clutter: Literal["cells", "count"] = "cells",
     gate: Annotated[float, Unit("1"), AtLeast(1e-3), AtMost(10.0)] = 4.0,
@@ -159,9 +157,8 @@ def track_in_clutter(  # noqa: PLR0913 - three containers and eleven options
     units, is_under_way = scans.component_unit, navigation is not None
     sensing = sensing_of(scans.component, units, is_under_way=is_under_way)
     setting = clutter_setting(
-        detector, roc, units.size, rule=threshold, gate=gate, clutter=clutter,
-        sensing=sensing,
-    )  # fmt: skip
+        detector, roc, units.size, rule=threshold, gate=gate, clutter=clutter, sensing=sensing
+    )
     begins = targets == "auto"
     starts = track_starts(
         start, sensing, motion_models(motion, sensing.component_unit), begins=begins
@@ -178,9 +175,8 @@ def track_in_clutter(  # noqa: PLR0913 - three containers and eleven options
     count = n_told(start, sensing.component.size)
     nowhere: FloatArray = np.empty((0, sensing.component.size))
     told = FirstState(
-        starts.at(nowhere, nowhere[..., None] * nowhere[:, None]), 0,
-        float(scans.time_s[0]),
-    )  # fmt: skip
+        starts.at(nowhere, nowhere[..., None] * nowhere[:, None]), 0, float(scans.time_s[0])
+    )
     if count or not begins:
         told = told_starts(scans, table, rows, starts)
     later = rows[told.first_scan :]
@@ -193,9 +189,7 @@ def track_in_clutter(  # noqa: PLR0913 - three containers and eleven options
         confirming = np.inf
         if begins:
             able = usable_rows(scans, least)[np.concatenate(later)].sum()
-            confirming = _confirming_score(
-                scans, later, int(able), false_tracks_per_hour
-            )
+            confirming = _confirming_score(scans, later, int(able), false_tracks_per_hour)
         followed = follow_several(
             scan_rows(scans, table, later, least), told.belief, told.time_s, setting,
             TrackRule(begins, confirming, loss_score), motion=carry,
@@ -210,9 +204,7 @@ def track_in_clutter(  # noqa: PLR0913 - three containers and eleven options
     return target_table(scans, table, later, past, setting, ending, smoothing)
 
 
-def _own_ship(
-    scans: Scans, navigation: Navigation | None, sensing: Sensing
-) -> FloatArray | None:
+def _own_ship(scans: Scans, navigation: Navigation | None, sensing: Sensing) -> FloatArray | None:
     """Return own ship's place and velocity at each row, if she is under way."""
     if navigation is None:
         return None
@@ -256,9 +248,7 @@ def _follow_one(
     belief, time_s = told.belief, told.time_s
     track = np.ones(1, np.int64)
     past = []
-    for place, (index, scan) in enumerate(
-        zip(rows, scan_arrays(scans, table, rows), strict=True)
-    ):
+    for place, (index, scan) in enumerate(zip(rows, scan_arrays(scans, table, rows), strict=True)):
         interval = float(scans.time_s[index[0]]) - time_s
         time_s += interval
         transition, noise = carry(interval)

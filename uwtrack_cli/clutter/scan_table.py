@@ -16,9 +16,7 @@ from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.errors import DataError, OptionError
 
 
-def check_scans(
-    scans: Scans, measured_std: list[float] | None, *, adaptive: bool
-) -> FloatArray:
+def check_scans(scans: Scans, measured_std: list[float] | None, *, adaptive: bool) -> FloatArray:
     """Check the table and return the deviations of all measurements."""
     measured = has_measurement(scans)
     if not measured.any():
@@ -26,9 +24,7 @@ def check_scans(
         msg = f"all {n_scans} scans are empty: there is no measurement to follow."
         raise DataError(msg)
     torn = ~measured & np.asarray(np.isfinite(scans.measured).any(axis=1))
-    _refuse(
-        np.asarray(torn), "has only some of its components; give all of them or none"
-    )
+    _refuse(np.asarray(torn), "has only some of its components; give all of them or none")
     step, later = np.diff(scans.scan), np.diff(scans.time_s)
     _refuse(_later(step < 0), "belongs to an earlier scan than the row before")
     _refuse(_later((step == 0) & (later != 0)), "has another time than its scan")
@@ -141,9 +137,7 @@ def _own(table: ScanTable, row: IntArray) -> FloatArray | None:
     return None if table.own is None else table.own[row[0]]
 
 
-def scan_arrays(
-    scans: Scans, table: ScanTable, rows: Iterable[IntArray]
-) -> Iterator[Scan]:
+def scan_arrays(scans: Scans, table: ScanTable, rows: Iterable[IntArray]) -> Iterator[Scan]:
     """Yield scans as the filter takes them, with an axis for the one target."""
     everywhere = has_measurement(scans)
     told = table.covariance[everywhere]

@@ -56,9 +56,7 @@ def sensing_of(names: TextArray, units: TextArray, *, is_under_way: bool) -> Sen
     return Sensing("components", names, units, period)
 
 
-def expect(
-    mean: FloatArray, kind: SensedKind, own: FloatArray | None
-) -> Expected | None:
+def expect(mean: FloatArray, kind: SensedKind, own: FloatArray | None) -> Expected | None:
     """Return what is expected of states, ``(..., n)``; None for the components."""
     if kind in {"components", "places"}:
         return None

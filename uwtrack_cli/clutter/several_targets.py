@@ -20,14 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uwtrack_cli.clutter.clutter_filter import (
-    ClutterSetting,
-    Look,
-    Scan,
-    ScanUpdate,
-    learn,
-    look,
-)
+from uwtrack_cli.clutter.clutter_filter import ClutterSetting, Look, Scan, ScanUpdate, learn, look
 from uwtrack_cli.clutter.sensing import expect_with_spread
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation.imm import Belief, advance, mix
@@ -215,9 +208,7 @@ def follow_several(
 def _only(past: FollowedScan, known: IntArray) -> FollowedScan:
     """Keep what became of some of the tracks."""
     kept = np.isin(past.track, known)
-    return FollowedScan(
-        past.scan, past.track[kept], past.update.take(kept), past.row[kept]
-    )
+    return FollowedScan(past.scan, past.track[kept], past.update.take(kept), past.row[kept])
 
 
 def _candidates(
@@ -307,11 +298,7 @@ def _associate(
 
 
 def _judge(
-    tracks: _Tracks,
-    association: Association,
-    near: IntArray,
-    claimed: FloatArray,
-    rule: TrackRule,
+    tracks: _Tracks, association: Association, near: IntArray, claimed: FloatArray, rule: TrackRule
 ) -> tuple[list[int], list[int]]:
     """Add up the scores; confirm, end and give up tracks.
 

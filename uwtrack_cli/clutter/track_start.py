@@ -56,9 +56,7 @@ class TrackStarts(NamedTuple):
         covariance = np.zeros((count, 2 * dimension, 2 * dimension))
         rate = np.arange(1, 2 * dimension, 2)
         mean[:, ::2], covariance[:, ::2, ::2] = place, spread
-        covariance[:, rate, rate] = (
-            _needed(self.start.velocity_std, "velocity_std") ** 2
-        )
+        covariance[:, rate, rate] = _needed(self.start.velocity_std, "velocity_std") ** 2
         if self.start.velocity is not None:
             velocity = _by_target(self.start.velocity, "velocity", dimension)
             # one velocity is that of all, those of told targets are theirs alone
@@ -102,9 +100,7 @@ class TrackStarts(NamedTuple):
         origin = np.zeros(2) if own is None else own[:2]
         parts = []
         for distance in self.range_m:
-            sigma = np.stack(
-                [np.full(bearing.size, RANGE_SHARE), np.radians(np.sqrt(variance))]
-            )
+            sigma = np.stack([np.full(bearing.size, RANGE_SHARE), np.radians(np.sqrt(variance))])
             spread = sum(
                 (distance * one) ** 2 * line.T[:, None] * line.T[None]
                 for one, line in zip(sigma, (along, across), strict=True)
@@ -165,9 +161,8 @@ def told_starts(
         own = None if table.own is None else table.own[row]
         one = np.array([row])
         scan = ScanRows(
-            time_s, one, table.measured[one], table.covariance[one],
-            table.covariance[row], own,
-        )  # fmt: skip
+            time_s, one, table.measured[one], table.covariance[one], table.covariance[row], own
+        )
         belief = starts.at_measurements(scan, np.ones(1, dtype=bool))
     else:
         dimension = starts.sensing.component.size

@@ -25,10 +25,7 @@ from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.data.targets import Target
 from uwtrack_cli.estimation.imm import Belief, moments, smooth
-from uwtrack_cli.estimation.information_reduction import (
-    information_reduction,
-    unit_ball_volume,
-)
+from uwtrack_cli.estimation.information_reduction import information_reduction, unit_ball_volume
 from uwtrack_cli.estimation.track_score import track_score
 
 MOST_NEIGHBOURS = 5
@@ -207,9 +204,7 @@ def target_table(
         expected_clutter=expected,
         validated=np.bincount(owner, minlength=order.size),
         miss_probability=column(lambda u: u.association.miss),
-        information_reduction=_expected_reduction(
-            detection, expected, gate, setting.dimension
-        ),
+        information_reduction=_expected_reduction(detection, expected, gate, setting.dimension),
         score=score,
         loss_cusum=cusum,
         lost=lost,
@@ -230,9 +225,7 @@ def target_table(
     )
 
 
-def _joined(
-    past: list[FollowedScan], read: Callable[[ScanUpdate], FloatArray]
-) -> FloatArray:
+def _joined(past: list[FollowedScan], read: Callable[[ScanUpdate], FloatArray]) -> FloatArray:
     return np.concatenate([read(each.update) for each in past])
 
 
@@ -310,15 +303,11 @@ def _found_clutter(
             whole = np.where(np.isfinite(setting.period), setting.period, 0.0)
             away -= np.round(away / setting.period) * whole
         more = neighbours_of(away, scan, scale, density[own])
-        found = FoundClutter(
-            found.n_found + more.n_found, found.n_expected + more.n_expected
-        )
+        found = FoundClutter(found.n_found + more.n_found, found.n_expected + more.n_expected)
     return found
 
 
-def _smoothed(
-    belief: Belief, number: IntArray, time_s: FloatArray, smoothing: Smoothing
-) -> Belief:
+def _smoothed(belief: Belief, number: IntArray, time_s: FloatArray, smoothing: Smoothing) -> Belief:
     """Smooth the states of every target, whose scans follow each other."""
     parts = []
     for target in range(int(number.max(initial=-1)) + 1):

@@ -60,8 +60,7 @@ SHOWN = 4
 def html_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     """Return a table for a notebook; its text cannot take effect."""
     marked = [("th", heads), *(("td", row) for row in rows)]
-    lines = ("".join(f"<{tag}>{escape(text)}</{tag}>" for text in row)
-             for tag, row in marked)  # fmt: skip
+    lines = ("".join(f"<{tag}>{escape(text)}</{tag}>" for text in row) for tag, row in marked)
     return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
 
@@ -249,11 +248,7 @@ class Container:
                 raise DataError(msg)
 
     def _check_axes(
-        self,
-        name: str,
-        array: NDArray[Any],
-        axes: tuple[str, ...],
-        sizes: dict[str, int],
+        self, name: str, array: NDArray[Any], axes: tuple[str, ...], sizes: dict[str, int]
     ) -> None:
         kind = type(self).__name__
         if array.ndim != len(axes):
@@ -274,9 +269,7 @@ class Container:
         if known is None:  # containers are made by the thousand
             own = get_annotations(cls)
             ordered = sorted(fields(cls), key=lambda each: each.name not in own)
-            known = {
-                f.name: f.metadata["column"] for f in ordered if "column" in f.metadata
-            }
+            known = {f.name: f.metadata["column"] for f in ordered if "column" in f.metadata}
             cls._known_columns = known
         return dict(known)
 
@@ -302,9 +295,7 @@ class Container:
     @functools.cache
     def row_keys(cls) -> dict[str, RowKey]:
         """Return the keys of the object of a row that hold columns, in their order."""
-        owned = {
-            s.axes[0]: n for n, s in cls.owner_columns().items() if s.owner == cls.ROW
-        }
+        owned = {s.axes[0]: n for n, s in cls.owner_columns().items() if s.owner == cls.ROW}
         names = {spec.names: name for name, spec in cls.columns().items()}
         found: dict[str, RowKey] = {}
         for name, spec in cls.columns().items():
@@ -409,9 +400,7 @@ class Container:
         changes |= {
             name: None
             for name, spec in cls.columns().items()
-            if spec.optional
-            and name not in changes
-            and spec.axes[0] not in cls.FIXED_AXES
+            if spec.optional and name not in changes and spec.axes[0] not in cls.FIXED_AXES
         }
         for name, spec in cls.owner_columns().items():
             if changes[name] is None:
@@ -440,12 +429,8 @@ class Container:
                 rows.append((name, spec.unit, size, first + more, spec.description))
         for name, one in self.scalars().items():
             text = str(one.metadata["description"])
-            rows.append(
-                (name, one.metadata["unit"], "", str(getattr(self, name)), text)
-            )
-        count = (
-            f"{self.sizes().get(self.ROW, 1)} rows of {self.ROW}" if self.ROW else ""
-        )
+            rows.append((name, one.metadata["unit"], "", str(getattr(self, name)), text))
+        count = f"{self.sizes().get(self.ROW, 1)} rows of {self.ROW}" if self.ROW else ""
         heads = ("column", "unit", "size", "values", "meaning")
         return f"<b>{self.NAME}</b> {count}{html_table(heads, rows)}"
 
@@ -453,9 +438,7 @@ class Container:
         """Tell whether all values are the same, bit for bit (nan equals nan)."""
         if type(other) is not type(self):
             return False
-        return all(
-            _same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)
-        )
+        return all(_same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -487,9 +470,7 @@ class HasNuisances(Container):
         "Fact that is not known exactly, with its unit.", "nuisance", names="nuisances"
     )
     nuisance_value: FloatArray | None = column(
-        "Its estimate, or the value that was assumed.",
-        "nuisance",
-        key="nuisances.value",
+        "Its estimate, or the value that was assumed.", "nuisance", key="nuisances.value"
     )
     nuisance_std: FloatArray | None = deviation("nuisance", key="nuisances.std")
     nuisance_share: FloatArray | None = column(
@@ -513,9 +494,7 @@ class HasRestFrequencies(Container):
     rest_frequency_hz: FloatArray = column(
         "Rest frequency.", "rest_line", key="rest_frequencies_hz"
     )
-    rest_frequency_std_hz: FloatArray = deviation(
-        "rest_line", key="rest_frequencies_std_hz"
-    )
+    rest_frequency_std_hz: FloatArray = deviation("rest_line", key="rest_frequencies_std_hz")
 
 
 def flatten(lists: Iterable[Iterable[T]]) -> tuple[IntArray, list[T]]:
@@ -531,9 +510,7 @@ def flatten(lists: Iterable[Iterable[T]]) -> tuple[IntArray, list[T]]:
     return np.array([row for row, _ in pairs], np.int64), [item for _, item in pairs]
 
 
-def reason_columns(
-    owner: str, reasons: Iterable[Mapping[str, str]]
-) -> dict[str, NDArray[Any]]:
+def reason_columns(owner: str, reasons: Iterable[Mapping[str, str]]) -> dict[str, NDArray[Any]]:
     """Return the columns of a table of reasons.
 
     ``owner``: name of the column with the rows that the reasons belong to. ``reasons``:
@@ -567,9 +544,7 @@ def _as_column(values: Any, dtype: np.dtype[Any]) -> NDArray[Any]:
     return array
 
 
-def _take(
-    array: NDArray[Any], position: int, index: NDArray[Any] | slice
-) -> NDArray[Any]:
+def _take(array: NDArray[Any], position: int, index: NDArray[Any] | slice) -> NDArray[Any]:
     selection = (slice(None),) * position + (index,)
     return array[selection]
 

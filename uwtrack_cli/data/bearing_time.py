@@ -44,9 +44,8 @@ class BearingTime(Container):
         "None: not known.", "beam",
     )  # fmt: skip
     level_db: FloatArray = column(
-        "Level of the beam in the band (re the reference).",
-        "frame", "beam", dtype=np.float32,
-    )  # fmt: skip
+        "Level of the beam in the band (re the reference).", "frame", "beam", dtype=np.float32
+    )
     excess_db: FloatArray = column(
         "Mean over the band of the power over the median of all beams' noise; a line "
         "counts as much as strong noise.", "frame", "beam", dtype=np.float32,
@@ -54,14 +53,10 @@ class BearingTime(Container):
     east_m: FloatArray = column("East of the array's middle; nan if unknown.")
     north_m: FloatArray = column("North of the array's middle; nan if unknown.")
     heading_deg: FloatArray = column("Compass heading of the array; nan if unknown.")
-    bend_deg: FloatArray = column(
-        "Change of heading from tail to head; nan if unknown."
-    )
+    bend_deg: FloatArray = column("Change of heading from tail to head; nan if unknown.")
     band_low_hz: float = scalar("Lower edge of the band.")
     band_high_hz: float = scalar("Upper edge of the band.")
-    design_frequency_hz: float = scalar(
-        "Frequency above which directions are not unique."
-    )
+    design_frequency_hz: float = scalar("Frequency above which directions are not unique.")
     sidelobe_db: float | None = scalar(
         "Sidelobes of its beams below the main lobe; None: not known.", None
     )
@@ -69,8 +64,7 @@ class BearingTime(Container):
     beamformer: str = scalar("'conventional' or 'mvdr'.")
     side: str = scalar("Side that bearings are written for, starboard or port.")
     ambiguity: str = scalar(
-        "'mirror' if the side is open, 'elevation' or 'plane' as in directions, else "
-        "'none'."
+        "'mirror' if the side is open, 'elevation' or 'plane' as in directions, else 'none'."
     )
     reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")
     peaks: Peaks | None = None

@@ -27,9 +27,7 @@ class Decidecades(Container):
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("band",)
 
     time_s: FloatArray = column("Middle of a row, from the first sample.")
-    centre_hz: FloatArray = column(
-        "Centre of a band: 1000 Hz times a power of 10^(1/10).", "band"
-    )
+    centre_hz: FloatArray = column("Centre of a band: 1000 Hz times a power of 10^(1/10).", "band")
     level_db: FloatArray = column(
         "Mean square in the band (re the reference); nan where samples are missing.",
         "row", "band", dtype=np.float32,
@@ -37,9 +35,7 @@ class Decidecades(Container):
     average_s: float = scalar("Time that a row is averaged over.")
     reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")
     sensor: str = scalar("Identifier of the sensor.")
-    start_utc_ns: int | None = scalar(
-        "First sample since 1970-01-01 UTC; None if unknown."
-    )
+    start_utc_ns: int | None = scalar("First sample since 1970-01-01 UTC; None if unknown.")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -59,16 +55,12 @@ class RadiatedLevels(HasReasons):
         "Closest approach since 1970-01-01 UTC; -1 if the start is unknown."
     )
     centre_hz: FloatArray = column("Centre of the band.")
-    radiated_noise_level_db: FloatArray = column(
-        "Radiated noise level, re 1 uPa at 1 m."
-    )
+    radiated_noise_level_db: FloatArray = column("Radiated noise level, re 1 uPa at 1 m.")
     radiated_noise_level_std_db: FloatArray = deviation()
     received_level_db: FloatArray = column(
         "Mean square in the band while the vessel was within 30 degrees."
     )
-    background_level_db: FloatArray = column(
-        "Mean square in the band without the vessel."
-    )
+    background_level_db: FloatArray = column("Mean square in the band without the vessel.")
     reason_level: IntArray = column(
         "Row of the level that a reason belongs to.", "reason", owner="level"
     )

@@ -37,12 +37,9 @@ class Decision(HasReasons):
         "'first moves', 'second moves', 'undecided', 'both move' or 'neither fits'."
     )
     probability: FloatArray = column(
-        "Probability of the likelier hypothesis, both alike at first; nan where both "
-        "are rejected."
+        "Probability of the likelier hypothesis, both alike at first; nan where both are rejected."
     )
-    final_log_odds: FloatArray = column(
-        "Log odds at the decision, or at the last scan."
-    )
+    final_log_odds: FloatArray = column("Log odds at the decision, or at the last scan.")
     decision_time_s: FloatArray = column("Time of the decision; nan without one.")
     decision_scan: IntArray = column(
         "Scans taken for it, the first included; 0 without a decision."
@@ -50,25 +47,19 @@ class Decision(HasReasons):
     expected_scans: FloatArray = column(
         "Mean number of scans to a decision at this growth of the odds."
     )
-    fixed_scans: FloatArray = column(
-        "Scans that a test of fixed length needs for the same errors."
-    )
-    fixed_verdict: TextArray = column(
-        "What that test says; empty where the scans do not suffice."
-    )
+    fixed_scans: FloatArray = column("Scans that a test of fixed length needs for the same errors.")
+    fixed_verdict: TextArray = column("What that test says; empty where the scans do not suffice.")
     consistency: FloatArray = column(
-        "Probability of an innovation as large as that of each filter.",
-        "pair", "filter",
-    )  # fmt: skip
+        "Probability of an innovation as large as that of each filter.", "pair", "filter"
+    )
     inverse_range_std: FloatArray = column(
-        "Relative standard deviation of the drifting filter's range: second, first "
-        "contact.",
-        "pair", "hypothesis",
-    )  # fmt: skip
+        "Relative standard deviation of the drifting filter's range: second, first contact.",
+        "pair",
+        "hypothesis",
+    )
     observable: BoolArray = column(
-        "Whether that range was observable: second, first contact.",
-        "pair", "hypothesis",
-    )  # fmt: skip
+        "Whether that range was observable: second, first contact.", "pair", "hypothesis"
+    )
     reason_pair: IntArray = column(
         "Row of the pair that a reason belongs to.", "reason", owner="pair"
     )
@@ -81,9 +72,7 @@ class Decision(HasReasons):
     lower_threshold: float = scalar("Log odds that decide for 'first moves'.")
     upper_threshold: float = scalar("Log odds that decide for 'second moves'.")
     miss_probability: float = scalar("Miss probability allowed to each pair.")
-    false_alarm_probability: float = scalar(
-        "False alarm probability allowed to each pair."
-    )
+    false_alarm_probability: float = scalar("False alarm probability allowed to each pair.")
     moving_contact: int = scalar(
         "The contact that was found moving against all others; 0 for none."
     )

@@ -47,15 +47,9 @@ class Directions(Container):
         "Slowness as measured times the sound speed: of a level plane that along the "
         "ground, of a line that along it; of a volume array 1."
     )
-    slowness_ratio_std: FloatArray = column(
-        "Its standard deviation; nan for a volume array."
-    )
-    snr_db: FloatArray = column(
-        "Power over noise in the beam, mean over the band; nan for delays."
-    )
-    level_db: FloatArray = column(
-        "Level from the direction in the band; nan for delays."
-    )
+    slowness_ratio_std: FloatArray = column("Its standard deviation; nan for a volume array.")
+    snr_db: FloatArray = column("Power over noise in the beam, mean over the band; nan for delays.")
+    level_db: FloatArray = column("Level from the direction in the band; nan for delays.")
     range_m: FloatArray = column(
         "Horizontal range of a source near the surface, from elevation and depth; nan "
         "if they do not determine it."
@@ -119,9 +113,7 @@ class Delays(Container):
         "Arrival at the second less arrival at the first.",
         cells=Cells(-1e6, 1e6, needed=True, every=True),
     )
-    delay_std_s: FloatArray = deviation(
-        cells=Cells(1e-12, 1e6, needed=True, every=True)
-    )
+    delay_std_s: FloatArray = deviation(cells=Cells(1e-12, 1e6, needed=True, every=True))
     coherence: FloatArray | None = column(
         "Coherence (not squared) of the pair in the band; None where it is not given.",
         cells=Cells(0.0, 1.0, every=True),

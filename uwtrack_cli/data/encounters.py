@@ -84,16 +84,10 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "'ok', 'extrapolated', 'level-only' (from the level alone) or 'no-speed' (time "
         "and range over speed from fringes)."
     )
-    time_s: FloatArray = column(
-        "Geometric closest approach, counted from the first sample."
-    )
+    time_s: FloatArray = column("Geometric closest approach, counted from the first sample.")
     time_std_s: FloatArray = deviation()
-    time_utc_ns: IntArray = column(
-        "The same since 1970-01-01 UTC; -1 if the start is unknown."
-    )
-    arrival_time_s: FloatArray = column(
-        "Arrival of the sound made at closest approach."
-    )
+    time_utc_ns: IntArray = column("The same since 1970-01-01 UTC; -1 if the start is unknown.")
+    arrival_time_s: FloatArray = column("Arrival of the sound made at closest approach.")
     speed_mps: FloatArray = column("Speed of the vessel.")
     speed_std_mps: FloatArray = deviation()
     slant_range_m: FloatArray = column("Range at closest approach.")
@@ -104,37 +98,27 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     horizontal_range_std_m: FloatArray | None = deviation()
     range_over_speed_s: FloatArray = column("Slant range divided by speed.")
     range_over_speed_std_s: FloatArray = deviation()
-    horizontal_range_over_speed_s: FloatArray | None = column(
-        "Horizontal range divided by speed."
-    )
+    horizontal_range_over_speed_s: FloatArray | None = column("Horizontal range divided by speed.")
     horizontal_range_over_speed_std_s: FloatArray | None = deviation()
     course_deg: FloatArray = column("Compass course.")
     course_std_deg: FloatArray = deviation()
-    bearing_deg: FloatArray = column(
-        "Compass bearing, sensor to vessel, at closest approach."
-    )
+    bearing_deg: FloatArray = column("Compass bearing, sensor to vessel, at closest approach.")
     bearing_std_deg: FloatArray = deviation()
     side: TextArray = column(
         "Side of the vessel on which the sensor lies; empty if unknown.",
         unknown="", choices=("port", "starboard"),
     )  # fmt: skip
     sound_speed_mps: FloatArray = column("Sound speed used.")
-    received_level_db: FloatArray = column(
-        "Received level at closest approach (re the reference)."
-    )
+    received_level_db: FloatArray = column("Received level at closest approach (re the reference).")
     received_level_std_db: FloatArray = deviation()
-    source_level_db: FloatArray = column(
-        "Source level at 1 m under the spreading law used."
-    )
+    source_level_db: FloatArray = column("Source level at 1 m under the spreading law used.")
     source_level_std_db: FloatArray = deviation()
     source_depth_m: FloatArray | None = column(
         "Depth of the source, by the spacing of fringes that one surface image makes; "
         "nan where range, sensor depth or such fringes are not known."
     )
     source_depth_std_m: FloatArray | None = deviation()
-    extrapolated: BoolArray = column(
-        "Whether the closest approach lies outside the recording."
-    )
+    extrapolated: BoolArray = column("Whether the closest approach lies outside the recording.")
     covariance: FloatArray = column(
         "Covariance of time, range over speed, speed and bearing.",
         "encounter", "parameter", "parameter_too",
@@ -144,13 +128,11 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "encounter", "parameter", "parameter_too", key="",
     )  # fmt: skip
     rest_encounter: IntArray = column(
-        "Row of the encounter that a rest frequency belongs to.",
-        "rest_line", owner="encounter",
-    )  # fmt: skip
+        "Row of the encounter that a rest frequency belongs to.", "rest_line", owner="encounter"
+    )
     ambiguity_encounter: IntArray = column(
-        "Row of the encounter that another solution belongs to.",
-        "ambiguity", owner="encounter",
-    )  # fmt: skip
+        "Row of the encounter that another solution belongs to.", "ambiguity", owner="encounter"
+    )
     ambiguity_side: TextArray = column(
         "Side of the vessel on which the sensor lies in that solution.",
         "ambiguity", key="ambiguities.side",
@@ -175,9 +157,8 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "Velocity north of a moving sensor.", key=""
     )
     nuisance_encounter: IntArray | None = column(
-        "Row of the encounter that a nuisance belongs to.",
-        "nuisance", owner="encounter",
-    )  # fmt: skip
+        "Row of the encounter that a nuisance belongs to.", "nuisance", owner="encounter"
+    )
     rest_frame_evidence: FloatArray | None = column(
         "Nepers by which its lines are sharper in source time than in any other; in air, "
         "by which the pattern of all sound shifts as the passage has it (inverse hyperbolic "
@@ -187,20 +168,15 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "What its lines leave of their curve beyond noise, as a share of the Doppler "
         "shift; nan without lines."
     )
-    probability: FloatArray | None = column(
-        "Probability that a vessel passes as the row has it."
-    )
+    probability: FloatArray | None = column("Probability that a vessel passes as the row has it.")
     alternative: TextArray | None = column(
         "Code of the strongest explanation in which no vessel passes so, such as "
         "'nothing-passes'; 'not-significant' for none of them.", unknown="",
     )  # fmt: skip
-    alternative_probability: FloatArray | None = column(
-        "Probability of that explanation."
-    )
+    alternative_probability: FloatArray | None = column("Probability of that explanation.")
     evidence_encounter: IntArray | None = column(
-        "Row of the encounter that a log evidence belongs to.",
-        "evidence", owner="encounter",
-    )  # fmt: skip
+        "Row of the encounter that a log evidence belongs to.", "evidence", owner="encounter"
+    )
     evidence_alternative: TextArray | None = column(
         "Code of the explanation that a log evidence speaks against.",
         "evidence", key="evidence.alternative",
@@ -215,7 +191,7 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         unknown="", choices=READINGS,
     )  # fmt: skip
     motion_model_probability: FloatArray | None = column(
-        "Probability of that motion model, among those in which nothing passes, too.",
+        "Probability of that motion model, among those in which nothing passes, too."
     )
     alternative_motion_model: TextArray | None = column(
         "Next motion model, also 'constant', 'machinery' or 'joined', in which nothing "
@@ -225,8 +201,7 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "Its probability; 0 without one.", key="alternative_motion_model.probability"
     )
     change_time_s: FloatArray | None = column(
-        "When frequencies or velocity changed; nan for a straight passage.",
-        key="change.",
+        "When frequencies or velocity changed; nan for a straight passage.", key="change."
     )
     change_time_std_s: FloatArray | None = deviation()
     change_follows: BoolArray | None = column(
@@ -253,9 +228,7 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "an even turn about that time; nan for one that is not.", key="change.",
     )  # fmt: skip
     turn_away_std_deg: FloatArray | None = deviation()
-    turn_duration_s: FloatArray | None = column(
-        "How long that turn lasts.", key="change."
-    )
+    turn_duration_s: FloatArray | None = column("How long that turn lasts.", key="change.")
     turn_duration_std_s: FloatArray | None = deviation()
     turn_correlation: FloatArray | None = column(
         "Correlation of the errors of angle and duration.", key="change."
@@ -280,17 +253,16 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     refused_to_s: FloatArray | None = column("Last measurement of it.", "refusal")
     refused_reason: TextArray | None = column("Why it is no passage.", "refusal")
     refused_code: TextArray | None = column(
-        "The same as a code, such as 'too-fast' or 'mains'.", "refusal",
-    )  # fmt: skip
+        "The same as a code, such as 'too-fast' or 'mains'.", "refusal"
+    )
     refused_probability: FloatArray | None = column(
-        "Probability that a vessel passes all the same; nan where it was not weighed.",
-        "refusal",
-    )  # fmt: skip
+        "Probability that a vessel passes all the same; nan where it was not weighed.", "refusal"
+    )
     refused_motion_model: TextArray | None = column(
         "Motion model where nothing passes: 'constant', 'machinery' or 'joined', "
         "or a passage that noise alone gives, too; empty for one that was rejected.",
         "refusal",
-    )  # fmt: skip
+    )
     refused_motion_model_probability: FloatArray | None = column(
         "Probability of that motion model.", "refusal"
     )
@@ -300,15 +272,12 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     refused_alternative_motion_model_probability: FloatArray | None = column(
         "Its probability; 0 without one.", "refusal"
     )
-    reference: str = scalar(
-        "Level reference: '1 uPa' or 'full scale'.", key="level_reference"
-    )
+    reference: str = scalar("Level reference: '1 uPa' or 'full scale'.", key="level_reference")
     band_low_hz: float | None = scalar("Lower edge of the levels' band.", None)
     band_high_hz: float | None = scalar("Upper edge of the levels' band.", None)
     spreading_db: float = scalar(
-        "Spreading law of the source level, per decade of range.", 20.0,
-        key="spreading_db",
-    )  # fmt: skip
+        "Spreading law of the source level, per decade of range.", 20.0, key="spreading_db"
+    )
 
     def of_sensor(self, sensor: str) -> Self:
         """Return the encounters of one sensor, and what it heard that is none."""
@@ -329,11 +298,7 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         every = [RefusedContact(*one) for one in zip(*known, strict=True)]
         if self.refused_motion_model is None:
             return every
-        return [
-            one
-            for one, name in zip(every, self.refused_motion_model, strict=True)
-            if not name
-        ]
+        return [one for one, name in zip(every, self.refused_motion_model, strict=True) if not name]
 
     def refused_as(self, code: str) -> list[str]:
         """Return the reasons of what is refused by one code, such as `TOO_FAST`."""
@@ -380,9 +345,7 @@ class Fixes(Container):
     ROW: ClassVar[str] = "fix"
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("coordinate", "coordinate_too")
     OBJECTS: ClassVar[dict[str, str]] = {
-        "alternative_motion_model": (
-            "The other motion model; null if it has less than 5 %."
-        ),
+        "alternative_motion_model": ("The other motion model; null if it has less than 5 %.")
     }
 
     contact: IntArray = column("Contact, from 1.")
@@ -399,9 +362,7 @@ class Fixes(Container):
     )
     speed_mps: FloatArray = column("Speed.")
     speed_std_mps: FloatArray = deviation(key="")
-    course_deg: FloatArray = column(
-        "Compass course; nan where the source is stationary."
-    )
+    course_deg: FloatArray = column("Compass course; nan where the source is stationary.")
     course_std_deg: FloatArray = deviation(key="")
     sensors: TextArray = column("Sensors that contributed, comma separated.")
     motion_model: TextArray | None = column(
@@ -409,7 +370,7 @@ class Fixes(Container):
         "two did not compete.", unknown="", choices=("stationary", "moving"),
     )  # fmt: skip
     motion_model_probability: FloatArray | None = column(
-        "Probability of that motion model; position and ellipse are those of both.",
+        "Probability of that motion model; position and ellipse are those of both."
     )
     alternative_motion_model: TextArray | None = column(
         "The other motion model; empty if it has less than 5 %.",
@@ -429,9 +390,7 @@ class Fixes(Container):
         "Contact that a sensor's contact may belong to.", "pairing"
     )
     pairing_sensor: TextArray | None = column("Sensor.", "pairing")
-    pairing_number: IntArray | None = column(
-        "Number of the contact at that sensor.", "pairing"
-    )
+    pairing_number: IntArray | None = column("Number of the contact at that sensor.", "pairing")
     pairing_share: FloatArray | None = column(
         "Probability that it belongs to that contact.", "pairing"
     )

@@ -32,13 +32,11 @@ class Frames(Container):
     band_low_hz: FloatArray = column("Lower edge of a noise band.", "band")
     band_high_hz: FloatArray = column("Upper edge of a noise band.", "band")
     noise_db: FloatArray = column(
-        "Noise density per band; nan before peaks were sought.",
-        "frame", "band", dtype=np.float32,
-    )  # fmt: skip
+        "Noise density per band; nan before peaks were sought.", "frame", "band", dtype=np.float32
+    )
     threshold_db: FloatArray = column(
-        "Detection threshold above the noise; nan before peaks were sought.",
-        dtype=np.float32,
-    )  # fmt: skip
+        "Detection threshold above the noise; nan before peaks were sought.", dtype=np.float32
+    )
     array_heading_deg: FloatArray | None = column(
         "Heading of a line array that does not separate port from starboard; nan where "
         "its "
@@ -50,9 +48,7 @@ class Frames(Container):
     hop_samples: int = scalar("Samples from one frame to the next.")
     fft_length: int = scalar("Length of the transform.")
     first_frame: int = scalar("Index of the first row.", 0)
-    start_utc_ns: int | None = scalar(
-        "Time of the first sample since 1970-01-01 UTC.", None
-    )
+    start_utc_ns: int | None = scalar("Time of the first sample since 1970-01-01 UTC.", None)
 
     @classmethod
     def join(cls, blocks: Sequence[Self]) -> Self:

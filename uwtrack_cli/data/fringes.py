@@ -37,10 +37,9 @@ class Fringes(Container):
         "row", "fringe_cell", unit="1", dtype=np.uint8,
     )  # fmt: skip
     level_db: FloatArray = column(
-        "Mean of the row's densities in decibels (re the reference^2/Hz); nan without "
-        "sound.",
+        "Mean of the row's densities in decibels (re the reference^2/Hz); nan without sound.",
         dtype=np.float32,
-    )  # fmt: skip
+    )
     slope_db: FloatArray = column(
         "Slope of the line through the row, dB per octave.", dtype=np.float32
     )
@@ -48,6 +47,4 @@ class Fringes(Container):
     bin_hz: float = scalar("Resolution of the spectra: cells narrower share a bin.")
     reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")
     sensor: str = scalar("Identifier of the sensor.")
-    start_utc_ns: int | None = scalar(
-        "First sample since 1970-01-01 UTC; None if unknown.", None
-    )
+    start_utc_ns: int | None = scalar("First sample since 1970-01-01 UTC; None if unknown.", None)

@@ -65,9 +65,7 @@ class Lines(Container):
         "Covariance of bearing and rate (degree, degree/s).",
         "point", "state", "state_too", unit="degree^2", dtype=np.float32,
     )  # fmt: skip
-    association: IntArray = column(
-        "2 detected, 1 below the threshold, 0 coasted.", dtype=np.int8
-    )
+    association: IntArray = column("2 detected, 1 below the threshold, 0 coasted.", dtype=np.int8)
     measured_frequency_hz: FloatArray = column("Raw frequency.")
     measured_frequency_std_hz: FloatArray = column(
         "Standard deviation of the raw frequency.", dtype=np.float32
@@ -81,17 +79,14 @@ class Lines(Container):
         "Power of the line's cell over the noise in it.", dtype=np.float32
     )
     measured_is_aliased: BoolArray | None = column(
-        "Whether a grating lobe of the array may stand for the raw bearing; None: no "
-        "array."
+        "Whether a grating lobe of the array may stand for the raw bearing; None: no array."
     )
     window_s: FloatArray | None = column(
         "Length of the point's own frame, where rungs of a ladder are joined; None: "
         "that of the frames."
     )
     line_id: IntArray = column("Identifier of the line.", "line")
-    line_contact: IntArray = column(
-        "Contact that the line belongs to, from 1; 0 for none.", "line"
-    )
+    line_contact: IntArray = column("Contact that the line belongs to, from 1; 0 for none.", "line")
     line_family: IntArray = column("Harmonic family of the line; -1 for none.", "line")
     line_status: TextArray = column(
         "'moving', 'steady' or 'hum' (mains, no Doppler, no bearing change).", "line"
@@ -103,16 +98,10 @@ class Lines(Container):
     jump_time_s: FloatArray | None = column(
         "When a machine changed its speed at once, and its lines with it.", "jump"
     )
-    jump_ratio: FloatArray | None = column(
-        "Its rate afterwards over the rate before.", "jump"
-    )
-    jump_ratio_std: FloatArray | None = column(
-        "Standard deviation of the ratio.", "jump"
-    )
+    jump_ratio: FloatArray | None = column("Its rate afterwards over the rate before.", "jump")
+    jump_ratio_std: FloatArray | None = column("Standard deviation of the ratio.", "jump")
     jump_line_count: IntArray | None = column("Lines that jumped together.", "jump")
-    jump_contact: IntArray | None = column(
-        "Contact of these lines; 0 for none.", "jump"
-    )
+    jump_contact: IntArray | None = column("Contact of these lines; 0 for none.", "jump")
     reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")
     false_lines_per_khz_hour: float = scalar(
         "Expected rate of lines in noise alone.", unit="1/(kHz h)"
@@ -133,15 +122,13 @@ class Lines(Container):
         """
         rest = super().join([block.take("point", slice(0)) for block in blocks])
         line, frame = (
-            np.concatenate([getattr(block, name) for block in blocks])
-            for name in ("line", "frame")
+            np.concatenate([getattr(block, name) for block in blocks]) for name in ("line", "frame")
         )
         order = point_order(line, frame)
         points: dict[str, Any] = {
             name: np.concatenate([getattr(block, name) for block in blocks])[order]
             for name, spec in cls.columns().items()
-            if spec.axes[0] == "point"
-            and all(getattr(block, name) is not None for block in blocks)
+            if spec.axes[0] == "point" and all(getattr(block, name) is not None for block in blocks)
         }
         return replace(rest, **points)
 

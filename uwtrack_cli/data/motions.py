@@ -54,9 +54,7 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     speed_high_mps: FloatArray = column("Upper end of its interval.")
     course_deg: FloatArray = column("Compass course.")
     course_std_deg: FloatArray = deviation()
-    course_low_deg: FloatArray = column(
-        "Start of its interval, clockwise; 0 to 360 is any course."
-    )
+    course_low_deg: FloatArray = column("Start of its interval, clockwise; 0 to 360 is any course.")
     course_high_deg: FloatArray = column("End of its interval.")
     covariance: FloatArray = column(
         "Covariance of range, bearing, speed and course (m, degree, m/s).",
@@ -74,21 +72,16 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     now_course_deg: FloatArray | None = column("Compass course at that time.")
     now_course_std_deg: FloatArray | None = deviation()
     observable: BoolArray = column("Whether the range is observable.")
-    ellipse_trusted: BoolArray = column(
-        "Whether the standard deviations agree with the intervals."
-    )
+    ellipse_trusted: BoolArray = column("Whether the standard deviations agree with the intervals.")
     misfit: FloatArray = column("Sum of the losses (chi-square).")
     n_values: IntArray = column("Number of measured values.")
-    rank: IntArray = column(
-        "Number of parameter combinations that are observable.", key=""
-    )
+    rank: IntArray = column("Number of parameter combinations that are observable.", key="")
     n_parameters: IntArray = column("Number of parameters sought.", key="")
     condition_number: FloatArray = column(
         "Condition of the scaled information; nan when singular.", key=""
     )
     criterion_probability: FloatArray = column(
-        "Probability that range is within 10 %, speed 3 kn and course 7 degrees.",
-        key="",
+        "Probability that range is within 10 %, speed 3 kn and course 7 degrees.", key=""
     )
     range_per_sound_speed: FloatArray = column(
         "Relative change of range per relative change of sound speed.", key=""
@@ -97,7 +90,7 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
         "Whether own ship must manoeuvre to learn the range.", key=""
     )
     motion_model: TextArray | None = column(
-        "'straight', or 'manoeuvre' where the target altered its velocity.",
+        "'straight', or 'manoeuvre' where the target altered its velocity."
     )
     manoeuvre_time_s: FloatArray | None = column(
         "Middle of the first alteration of velocity; nan if there was none."
@@ -116,9 +109,9 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     latitude: FloatArray | None = column("Its latitude; nan on a local grid.")
     longitude: FloatArray | None = column("Its longitude.")
     reference: TextArray | None = column(
-        "Sensor from which range and bearing at the first measurement count; empty: "
-        "own ship.", unknown="",
-    )  # fmt: skip
+        "Sensor from which range and bearing at the first measurement count; empty: own ship.",
+        unknown="",
+    )
     sensor_contacts: TextArray | None = column(
         "Contacts of the sensors that were joined by evidence: sensor/number, with spaces "
         "between; empty where nothing was joined.", unknown="",
@@ -130,18 +123,14 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
         "Contact that a sensor's contact may belong to.", "pairing"
     )
     pairing_sensor: TextArray | None = column("Sensor.", "pairing")
-    pairing_number: IntArray | None = column(
-        "Number of the contact at that sensor.", "pairing"
-    )
+    pairing_number: IntArray | None = column("Number of the contact at that sensor.", "pairing")
     pairing_share: FloatArray | None = column(
         "Probability that it belongs to that contact.", "pairing"
     )
     row_contact: IntArray | None = column("Contact of a measured bearing.", "row")
     row_number: IntArray | None = column("Its row in the table, from 1.", "row")
     row_time_s: FloatArray | None = column("Its time.", "row")
-    row_probability: FloatArray | None = column(
-        "Probability that it is this contact's.", "row"
-    )
+    row_probability: FloatArray | None = column("Probability that it is this contact's.", "row")
     row_residual_deg: FloatArray | None = column(
         "The best mode's bearing less the measured one, offsets taken out; nan where "
         "it took no part.", "row",
@@ -156,26 +145,18 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     leg_motion: IntArray | None = column(
         "Row of the motion that a leg belongs to.", "leg", owner="motion"
     )
-    leg_number: IntArray | None = column(
-        "Number of the leg, from 1.", "leg", key="legs.number"
-    )
+    leg_number: IntArray | None = column("Number of the leg, from 1.", "leg", key="legs.number")
     leg_start_s: FloatArray | None = column(
         "When it begins, behind the alteration before it.", "leg", key="legs.start_s"
     )
     leg_end_s: FloatArray | None = column("When it ends.", "leg", key="legs.end_s")
-    leg_range_m: FloatArray | None = column(
-        "Range where it begins.", "leg", key="legs.range_m"
-    )
+    leg_range_m: FloatArray | None = column("Range where it begins.", "leg", key="legs.range_m")
     leg_range_std_m: FloatArray | None = deviation("leg", key="legs.range_std_m")
     leg_bearing_deg: FloatArray | None = column(
         "Bearing where it begins.", "leg", key="legs.bearing_deg"
     )
-    leg_bearing_std_deg: FloatArray | None = deviation(
-        "leg", key="legs.bearing_std_deg"
-    )
-    leg_speed_mps: FloatArray | None = column(
-        "Speed on it.", "leg", key="legs.speed_mps"
-    )
+    leg_bearing_std_deg: FloatArray | None = deviation("leg", key="legs.bearing_std_deg")
+    leg_speed_mps: FloatArray | None = column("Speed on it.", "leg", key="legs.speed_mps")
     leg_speed_std_mps: FloatArray | None = deviation("leg", key="legs.speed_std_mps")
     leg_course_deg: FloatArray | None = column(
         "Compass course on it.", "leg", key="legs.course_deg"
@@ -193,9 +174,8 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     )
     report: TextArray = column("What is observable and what is not, in words.", key="")
     rest_motion: IntArray = column(
-        "Row of the motion that a rest frequency belongs to.",
-        "rest_line", owner="motion",
-    )  # fmt: skip
+        "Row of the motion that a rest frequency belongs to.", "rest_line", owner="motion"
+    )
     reason_motion: IntArray = column(
         "Row of the motion that a reason belongs to.", "reason", owner="motion"
     )

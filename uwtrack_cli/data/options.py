@@ -376,9 +376,7 @@ def _converted(where: str, plain: Any, rules: tuple[Any, ...], value: Any) -> An
     return value
 
 
-def _any_of(
-    where: str, kinds: tuple[Any, ...], rules: tuple[Any, ...], value: Any
-) -> Any:
+def _any_of(where: str, kinds: tuple[Any, ...], rules: tuple[Any, ...], value: Any) -> Any:
     refusal = ""
     for kind in kinds:
         plain, own = _split(kind)
@@ -432,9 +430,7 @@ def _number(where: str, plain: Any, rules: tuple[Any, ...], value: Any) -> float
         number = plain(value)
     except OverflowError:  # an integer of hundreds of digits
         number = math.inf
-    outside = (
-        not math.isfinite(number) if plain is float else abs(number) > _LARGEST_WHOLE
-    )
+    outside = not math.isfinite(number) if plain is float else abs(number) > _LARGEST_WHOLE
     if outside or not all(r.accepts(number) for r in rules if isinstance(r, Bound)):
         raise OptionError(_refusal(where, plain, rules, value))
     return number  # type: ignore[no-any-return]

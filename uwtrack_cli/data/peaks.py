@@ -5,14 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from uwtrack_cli.data.base import (
-    BoolArray,
-    Container,
-    FloatArray,
-    IntArray,
-    column,
-    scalar,
-)
+from uwtrack_cli.data.base import BoolArray, Container, FloatArray, IntArray, column, scalar
 from uwtrack_cli.data.frames import Frames
 
 
@@ -32,31 +25,18 @@ class Peaks(Container):
     """Time base of the peaks, with the noise of each frame."""
     frame: IntArray = column("Index of the frame in the recording.")
     frequency_hz: FloatArray = column("Interpolated frequency.")
-    frequency_std_hz: FloatArray = column(
-        "Standard deviation of the frequency.", dtype=np.float32
-    )
-    level_db: FloatArray = column(
-        "Level of the line (re the reference).", dtype=np.float32
-    )
-    snr_db: FloatArray = column(
-        "Power of the peak's cell over the noise in it.", dtype=np.float32
-    )
+    frequency_std_hz: FloatArray = column("Standard deviation of the frequency.", dtype=np.float32)
+    level_db: FloatArray = column("Level of the line (re the reference).", dtype=np.float32)
+    snr_db: FloatArray = column("Power of the peak's cell over the noise in it.", dtype=np.float32)
     bearing_deg: FloatArray = column(
         "Compass bearing from the sensor; nan without direction.", dtype=np.float32
     )
-    bearing_std_deg: FloatArray = column(
-        "Standard deviation of the bearing.", dtype=np.float32
-    )
-    is_detection: BoolArray = column(
-        "Whether the peak exceeds the detection threshold."
-    )
+    bearing_std_deg: FloatArray = column("Standard deviation of the bearing.", dtype=np.float32)
+    is_detection: BoolArray = column("Whether the peak exceeds the detection threshold.")
     cone_deg: FloatArray | None = column(
-        "Angle from the head of a line array, 0 to 180; None: no array.",
-        dtype=np.float32,
-    )  # fmt: skip
-    cone_std_deg: FloatArray | None = column(
-        "Standard deviation of that angle.", dtype=np.float32
+        "Angle from the head of a line array, 0 to 180; None: no array.", dtype=np.float32
     )
+    cone_std_deg: FloatArray | None = column("Standard deviation of that angle.", dtype=np.float32)
     elevation_deg: FloatArray | None = column(
         "Angle above the horizontal; None: no planar or volume array.", dtype=np.float32
     )

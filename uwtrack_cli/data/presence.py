@@ -30,9 +30,7 @@ CONSTANT, MACHINERY, JOINED = "constant", "machinery", "joined"
 STILL = (CONSTANT, MACHINERY, JOINED)
 """Readings in which nothing passes."""
 
-READINGS = (
-    "straight", "frequency-step", "frequency-ramp", "manoeuvre", "two-targets", *STILL,
-)  # fmt: skip
+READINGS = ("straight", "frequency-step", "frequency-ramp", "manoeuvre", "two-targets", *STILL)
 """How the measurements of a contact may be read."""
 
 
@@ -52,7 +50,7 @@ class Presence(HasReasons):
     OBJECTS: ClassVar[dict[str, str]] = {
         "alternative_motion_model": (
             "Next motion model with its probability; null if none has 5 %."
-        ),
+        )
     }
 
     contact: IntArray = column("Contact of its lines, from 1; 0 for none.", unknown=0)
@@ -61,17 +59,12 @@ class Presence(HasReasons):
     )
     sensor: TextArray = column("Identifier of the sensor.")
     kind: TextArray = column(
-        "'vessel', 'rates', 'lines', 'hum', 'broadband', 'rain' or 'unknown'.",
-        choices=KINDS,
-    )  # fmt: skip
+        "'vessel', 'rates', 'lines', 'hum', 'broadband', 'rain' or 'unknown'.", choices=KINDS
+    )
     from_s: FloatArray = column("Begin, from the first sample.")
     to_s: FloatArray = column("End, from the first sample.")
-    from_utc_ns: IntArray = column(
-        "Begin since 1970-01-01 UTC; -1 if the start is unknown."
-    )
-    to_utc_ns: IntArray = column(
-        "End since 1970-01-01 UTC; -1 if the start is unknown."
-    )
+    from_utc_ns: IntArray = column("Begin since 1970-01-01 UTC; -1 if the start is unknown.")
+    to_utc_ns: IntArray = column("End since 1970-01-01 UTC; -1 if the start is unknown.")
     spacing_hz: FloatArray = column(
         "Distance of the lines of a family: its shaft rate, or a part of it."
     )
@@ -85,9 +78,7 @@ class Presence(HasReasons):
     )
     bearing_deg: FloatArray = column("Mean compass bearing; nan if unknown.")
     bearing_std_deg: FloatArray = column("Spread of its lines' bearings.")
-    probability_of_chance: FloatArray = column(
-        "Probability that noise alone gives as much."
-    )
+    probability_of_chance: FloatArray = column("Probability that noise alone gives as much.")
     motion_model: TextArray | None = column(
         "Motion model of its contacts: that of its closest approach; else 'constant', "
         "'machinery' or 'joined' where nothing passes, or a passage that noise alone "
@@ -95,12 +86,12 @@ class Presence(HasReasons):
        
     )  # fmt: skip
     motion_model_probability: FloatArray | None = column(
-        "Probability of that motion model, of the least certain contact.",
+        "Probability of that motion model, of the least certain contact."
     )
     alternative_motion_model: TextArray | None = column(
         "Next motion model of that contact; empty if it has less than 5 %.",
         key="alternative_motion_model.motion_model",
-    )  # fmt: skip
+    )
     alternative_motion_model_probability: FloatArray | None = column(
         "Its probability; 0 without one.", key="alternative_motion_model.probability"
     )
@@ -117,9 +108,7 @@ class Presence(HasReasons):
     reason_segment: IntArray = column(
         "Row of the segment that a reason belongs to.", "reason", owner="segment"
     )
-    reference: str = scalar(
-        "Level reference: '1 uPa' or 'full scale'.", key="level_reference"
-    )
+    reference: str = scalar("Level reference: '1 uPa' or 'full scale'.", key="level_reference")
 
     def of_sensor(self, sensor: str) -> Self:
         """Return the segments of one sensor."""

@@ -8,14 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.base import (
-    Container,
-    FloatArray,
-    IntArray,
-    TextArray,
-    column,
-    scalar,
-)
+from uwtrack_cli.data.base import Container, FloatArray, IntArray, TextArray, column, scalar
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError
 
@@ -72,9 +65,7 @@ class Recording(Container):
     sample_rate_hz: float = scalar("Sample rate.")
     n_samples: int = scalar("Number of samples per channel.")
     n_channels: int = scalar("Number of channels.")
-    start_utc_ns: int | None = scalar(
-        "Time of the first sample since 1970-01-01 UTC.", None
-    )
+    start_utc_ns: int | None = scalar("Time of the first sample since 1970-01-01 UTC.", None)
     digest: str = scalar("SHA-256 of the source file.", "")
     first_sample: int = scalar("Sample of the file that is the first here.", 0)
     file_channels: str = scalar(

@@ -27,26 +27,20 @@ class Scans(Container):
     ROW: ClassVar[str] = "row"
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("dimension",)
 
-    scan: IntArray = column(
-        "Number of the scan, ascending.", cells=Cells(needed=True, every=True)
-    )
+    scan: IntArray = column("Number of the scan, ascending.", cells=Cells(needed=True, every=True))
     time_s: FloatArray = column("Time of the scan.")
     measured: FloatArray = column(
         "Components of the measurement, in the units named; nan in an empty scan.",
         "row", "dimension", unit="",
     )  # fmt: skip
     measured_std: FloatArray = column(
-        "Standard deviations, same units; nan if not given.",
-        "row", "dimension", unit="",
-    )  # fmt: skip
+        "Standard deviations, same units; nan if not given.", "row", "dimension", unit=""
+    )
     amplitude: FloatArray = column(
-        "Amplitude over the standard deviation of the noise; nan if not given.",
-        cells=Cells(),
+        "Amplitude over the standard deviation of the noise; nan if not given.", cells=Cells()
     )
     component: TextArray = column("Name of each component.", "dimension")
-    component_unit: TextArray = column(
-        "Unit of each component; empty if not given.", "dimension"
-    )
+    component_unit: TextArray = column("Unit of each component; empty if not given.", "dimension")
     start_utc_ns: int | None = scalar("UTC epoch of time zero.", None)
 
 

@@ -26,12 +26,9 @@ class Navigation(Container):
 
     time_s: FloatArray = column("Time of the row.")
     east_m: FloatArray = column("Position east of the origin.", cells=Cells(every=True))
-    north_m: FloatArray = column(
-        "Position north of the origin.", cells=Cells(every=True)
-    )
+    north_m: FloatArray = column("Position north of the origin.", cells=Cells(every=True))
     heading_deg: FloatArray = column(
-        "Compass heading of the platform; nan if not given.",
-        cells=Cells(-360.0, 360.0),
+        "Compass heading of the platform; nan if not given.", cells=Cells(-360.0, 360.0)
     )
     origin_latitude: float | None = scalar("Latitude of the origin.", None)
     origin_longitude: float | None = scalar("Longitude of the origin.", None)
@@ -84,9 +81,7 @@ class Sensor(Container):
     sensitivity_db_re_v_per_upa: float | None = scalar("Sensitivity.", None, unit="dB")
     gain_db: float | None = scalar("Gain of the amplifier.", None)
     adc_peak_v: float | None = scalar("Input voltage at full scale.", None, unit="V")
-    full_scale_db: float | None = scalar(
-        "Level of a full-scale peak.", None, unit="dB re 1 uPa"
-    )
+    full_scale_db: float | None = scalar("Level of a full-scale peak.", None, unit="dB re 1 uPa")
     dipole_gains: str | None = scalar(
         "Output of the first and of the second dipole for sound along its axis, over "
         "that of the omni channel, comma separated; None: both are 1.", None, unit="1",
@@ -109,9 +104,8 @@ class Sensor(Container):
         "Way from the place that the navigation gives to the array's middle.", None
     )
     heading_source: str | None = scalar(
-        "Source of an array's heading: 'track', 'compass' or 'fixed'; None: unknown.",
-        None,
-    )  # fmt: skip
+        "Source of an array's heading: 'track', 'compass' or 'fixed'; None: unknown.", None
+    )
     navigation_position_std_m: float | None = scalar(
         "Deviation of each coordinate of the navigation.", None
     )

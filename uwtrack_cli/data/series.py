@@ -49,23 +49,15 @@ class Series(Container):
         "Multipath delay: time by which the path that the bottom or the surface reflects "
         "once comes after the direct one.", cells=Cells(TINY, 1e3),
     )  # fmt: skip
-    bounce_delay_std_s: FloatArray | None = column(
-        "Standard deviation of it.", cells=DEVIATION
-    )
+    bounce_delay_std_s: FloatArray | None = column("Standard deviation of it.", cells=DEVIATION)
     mirrored_bearing_deg: FloatArray | None = column(
-        "Other bearing that fits a line array as well; nan where the side is "
-        "resolved.", cells=BEARING,
-    )  # fmt: skip
+        "Other bearing that fits a line array as well; nan where the side is resolved.",
+        cells=BEARING,
+    )
     sensor: TextArray | None = column("Sensor that measured the row.", cells=Cells())
-    sensor_east_m: FloatArray | None = column(
-        "Where the sensor was, east of the origin."
-    )
-    sensor_north_m: FloatArray | None = column(
-        "Where the sensor was, north of the origin."
-    )
-    sensor_id: TextArray | None = column(
-        "Identifier of every sensor of the table.", "platform"
-    )
+    sensor_east_m: FloatArray | None = column("Where the sensor was, east of the origin.")
+    sensor_north_m: FloatArray | None = column("Where the sensor was, north of the origin.")
+    sensor_id: TextArray | None = column("Identifier of every sensor of the table.", "platform")
     sensor_compass_std_deg: FloatArray | None = column(
         "Standard deviation of its compass; nan where it is not given.", "platform"
     )

@@ -35,9 +35,8 @@ class Spectrogram(Container):
     """Time base of the rows."""
     frequency_hz: FloatArray = column("Centre of a bin.", "frequency")
     power_density: FloatArray = column(
-        "One-sided power density.",
-        "frame", "frequency", unit="reference^2/Hz", dtype=np.float32,
-    )  # fmt: skip
+        "One-sided power density.", "frame", "frequency", unit="reference^2/Hz", dtype=np.float32
+    )
     intensity_east: FloatArray | None = column(
         "Real part of omni times conjugate east channel.",
         "frame", "frequency", unit="reference^2/Hz", dtype=np.float32,
@@ -66,9 +65,8 @@ class Overview(Container):
     time_s: FloatArray = column("Centre of a row.")
     frequency_hz: FloatArray = column("Centre of a column.", "pixel_frequency")
     shade: IntArray = column(
-        "Level in 256 steps from floor_db to ceiling_db.",
-        "row", "pixel_frequency", dtype=np.uint8,
-    )  # fmt: skip
+        "Level in 256 steps from floor_db to ceiling_db.", "row", "pixel_frequency", dtype=np.uint8
+    )
     floor_db: float = scalar("Level of shade 0.")
     ceiling_db: float = scalar("Level of shade 255.")
     reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")
@@ -92,14 +90,11 @@ class Levels(Container):
     tilt_db: FloatArray | None = column(
         "Excess of the upper half of the band over that of its lowest quarter."
     )
-    bearing_deg: FloatArray = column(
-        "Compass bearing from the sensor; nan without direction."
-    )
+    bearing_deg: FloatArray = column("Compass bearing from the sensor; nan without direction.")
     bearing_std_deg: FloatArray = column("Standard deviation of the bearing.")
     part_excess_db: FloatArray | None = column(
-        "Excess of equal parts of the band, lowest first.",
-        "frame", "part", dtype=np.float32,
-    )  # fmt: skip
+        "Excess of equal parts of the band, lowest first.", "frame", "part", dtype=np.float32
+    )
     band_low_hz: float = scalar("Lower edge of the band.")
     band_high_hz: float = scalar("Upper edge of the band.")
     reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")

@@ -33,48 +33,32 @@ class Target(Container):
 
     NAME: ClassVar[str] = "target"
     ROW: ClassVar[str] = "scan"
-    FIXED_AXES: ClassVar[tuple[str, ...]] = (
-        "dimension", "state", "state_too", "model",
-    )  # fmt: skip
+    FIXED_AXES: ClassVar[tuple[str, ...]] = ("dimension", "state", "state_too", "model")
 
     target_id: IntArray | None = column(
         "Number of the target, from 1 in the order of their beginning."
     )
     scan: IntArray = column("Number of the scan.")
     time_s: FloatArray = column("Time of the scan.")
-    state: FloatArray = column(
-        "Components and their rates per second.", "scan", "state", unit=""
-    )
+    state: FloatArray = column("Components and their rates per second.", "scan", "state", unit="")
     state_covariance: FloatArray = column(
         "Covariance of the state.", "scan", "state", "state_too", unit=""
     )
     model_probability: FloatArray = column(
         "Probability of each motion model, quiet first.", "scan", "model"
     )
-    false_alarm_probability: FloatArray = column(
-        "Operating point of the detector, per cell."
-    )
-    detection_probability: FloatArray = column(
-        "Probability that the target crosses the threshold."
-    )
+    false_alarm_probability: FloatArray = column("Operating point of the detector, per cell.")
+    detection_probability: FloatArray = column("Probability that the target crosses the threshold.")
     threshold: FloatArray = column("Threshold used on the amplitude.")
     gate: FloatArray = column("Radius of the validation region in standard deviations.")
     gate_volume: FloatArray = column(
         "Volume of the validation region, in the units of the components.", unit=""
     )
-    expected_clutter: FloatArray = column(
-        "Mean number of false measurements in the region."
-    )
+    expected_clutter: FloatArray = column("Mean number of false measurements in the region.")
     validated: IntArray = column("Measurements in the region and above the threshold.")
-    miss_probability: FloatArray = column(
-        "Probability that none of them was the target's."
-    )
-    information_reduction: FloatArray = column(
-        "Factor q2 that was expected of the scan."
-    )
-    score: FloatArray = column(
-        "Log likelihood ratio of the track against clutter alone, so far."
-    )
+    miss_probability: FloatArray = column("Probability that none of them was the target's.")
+    information_reduction: FloatArray = column("Factor q2 that was expected of the scan.")
+    score: FloatArray = column("Log likelihood ratio of the track against clutter alone, so far.")
     loss_cusum: FloatArray = column(
         "Cumulative sum (Page 1954) that detects the loss of the target."
     )
@@ -82,9 +66,7 @@ class Target(Container):
     association_target_id: IntArray | None = column(
         "Number of the target of the association.", "association"
     )
-    association_scan: IntArray = column(
-        "Number of the scan of the association.", "association"
-    )
+    association_scan: IntArray = column("Number of the scan of the association.", "association")
     association_row: IntArray = column(
         "Row of its measurement in the table of scans, from 0.", "association"
     )
@@ -92,27 +74,21 @@ class Target(Container):
         "Probability that the measurement was the target's.", "association"
     )
     component: TextArray = column("Name of each component.", "dimension")
-    component_unit: TextArray = column(
-        "Unit of each component; empty if not given.", "dimension"
-    )
+    component_unit: TextArray = column("Unit of each component; empty if not given.", "dimension")
     threshold_rule: str = scalar("How the threshold was chosen.")
     false_tracks_per_hour: float | None = scalar(
-        "Bound on the rate of tracks that clutter begins; none where targets were "
-        "given.",
+        "Bound on the rate of tracks that clutter begins; none where targets were given.",
         None,
         unit="1/h",
     )
-    confirming_score: float | None = scalar(
-        "Score at which a track was confirmed for it.", None
-    )
+    confirming_score: float | None = scalar("Score at which a track was confirmed for it.", None)
     crowded_scans: int | None = scalar(
         "Scans in which the least likely pairs of target and measurement were left out "
         "of the joint hypotheses; none for one target.",
         None,
     )
     smoothing_scans: int | None = scalar(
-        "Number of later scans that each state learns from; none for the filter alone.",
-        None,
+        "Number of later scans that each state learns from; none for the filter alone.", None
     )
     clutter_ratio: float | None = scalar(
         "Density of false measurements about the targets over the one given.", None
@@ -132,9 +108,7 @@ class Target(Container):
         """One table for each target, in the order of their numbers."""
         if self.target_id is None:
             return (self,)
-        return tuple(
-            self.of_target(int(number)) for number in np.unique(self.target_id)
-        )
+        return tuple(self.of_target(int(number)) for number in np.unique(self.target_id))
 
     def of_target(self, number: int) -> Self:
         """Return the rows and the associations of one target."""
@@ -178,17 +152,12 @@ class Target(Container):
                 f"{self.time_s[first]:g} s on: its score no longer rises."
             )
         else:
-            outcome = (
-                f"the target was followed through {n_scans} scans to "
-                f"{self.time_s[-1]:g} s."
-            )
+            outcome = f"the target was followed through {n_scans} scans to {self.time_s[-1]:g} s."
         values, deviations = self.state[-1], self.state_std[-1]
         parts = [
             f"{name} = {values[2 * i]:.6g} ± {deviations[2 * i]:.2g}{unit}, "
             f"rate {values[2 * i + 1]:.4g} ± {deviations[2 * i + 1]:.2g}{unit and unit + '/s'}"
-            for i, (name, unit) in enumerate(
-                zip(self.component, self._units(), strict=True)
-            )
+            for i, (name, unit) in enumerate(zip(self.component, self._units(), strict=True))
         ]
         return outcome, f"at the last scan: {'; '.join(parts)}."
 

@@ -29,11 +29,8 @@ class Transients(Container):
     time_s: FloatArray = column("Middle, from the first sample.")
     half_length_s: FloatArray = column("Half of its length.")
     kind: TextArray = column(
-        "What rises: 'level'; or 'lines' that keep their frequencies, 'fall' or "
-        "'climb'."
+        "What rises: 'level'; or 'lines' that keep their frequencies, 'fall' or 'climb'."
     )
-    spreads: FloatArray = column(
-        "Height in spreads of what the recording does all the time."
-    )
+    spreads: FloatArray = column("Height in spreads of what the recording does all the time.")
     least_spreads: float = scalar("Height from which a transient is reported.")
     sensor: str = scalar("Identifier of the sensor.")

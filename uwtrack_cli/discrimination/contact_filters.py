@@ -91,18 +91,14 @@ def velocity_noise(interval_s: float, intensity: FloatArray) -> FloatArray:
     return np.asarray(np.multiply.outer(intensity, block))
 
 
-def start_moving(
-    observation: Observation, speed_std_mps: float, n_models: int
-) -> GaussianSum:
+def start_moving(observation: Observation, speed_std_mps: float, n_models: int) -> GaussianSum:
     """Begin a moving filter at a measurement that is complete in range and bearing.
 
     Velocity is zero but for the measured range rate, each component with a deviation.
     """
     speeds, log_weight = _terms(_SPEED_SHARE)
     width = _SPEED_SHARE * speed_std_mps
-    return _begun(
-        observation, speed_std_mps, speed_std_mps * speeds, width, log_weight, n_models
-    )
+    return _begun(observation, speed_std_mps, speed_std_mps * speeds, width, log_weight, n_models)
 
 
 def _terms(share: float) -> tuple[FloatArray, FloatArray]:
@@ -155,9 +151,7 @@ def _begun(
     return GaussianSum(belief, np.broadcast_to(log_weight.reshape(axes), size))
 
 
-def _along_and_across(
-    vector: FloatArray, bearing: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _along_and_across(vector: FloatArray, bearing: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return components along and across (to the left of) a line of sight."""
     sine, cosine = np.sin(bearing), np.cos(bearing)
     east, north = vector[..., 0], vector[..., 1]
@@ -185,13 +179,8 @@ def predict_moving(
     aside = interval_s * across - own_across
     after = np.hypot(ahead, aside)
     cosine, sine = ahead / after, aside / after
-    new_along, new_across = (
-        along * cosine + across * sine,
-        across * cosine - along * sine,
-    )
-    mean = np.stack(
-        [theta + np.arctan2(aside, ahead), new_across, after, new_along], axis=-1
-    )
+    new_along, new_across = (along * cosine + across * sine, across * cosine - along * sine)
+    mean = np.stack([theta + np.arctan2(aside, ahead), new_across, after, new_along], axis=-1)
     one, none = np.ones_like(theta), np.zeros_like(theta)
     step = interval_s * one
     # place and velocity in the old frame by the old state, both carried over the step
@@ -252,9 +241,7 @@ def _merged(state: GaussianSum) -> GaussianSum:
 
 
 def _correct(
-    state: GaussianSum,
-    observation: Observation,
-    trusted: slice,
+    state: GaussianSum, observation: Observation, trusted: slice
 ) -> tuple[GaussianSum, InnovationFit]:
     """Correct all terms and models and weigh them by what they foresaw."""
     belief = state.belief
@@ -276,18 +263,14 @@ def _correct(
     mean = belief.mean + (gain @ residual[..., None])[..., 0]
     covariance = belief.covariance - gain @ spread @ np.swapaxes(gain, -1, -2)
     covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
-    density = -0.5 * (
-        np.log(np.linalg.det(spread)) + _distance2(residual, spread, slice(0, 3))
-    )
+    density = -0.5 * (np.log(np.linalg.det(spread)) + _distance2(residual, spread, slice(0, 3)))
     by_model = reweigh(belief, density)
     weight = state.log_weight + _log_sum(np.log(belief.probability) + density)
     total = _log_sum(weight)
     weight = weight - total
     distance2 = (by_model * _distance2(residual, spread, trusted)).sum(axis=0)
     fit = InnovationFit(
-        total,
-        (np.exp(weight) * distance2).sum(axis=0),
-        known[..., trusted].sum(axis=-1),
+        total, (np.exp(weight) * distance2).sum(axis=0), known[..., trusted].sum(axis=-1)
     )
     return _merged(GaussianSum(Belief(mean, covariance, by_model), weight)), fit
 
@@ -325,9 +308,7 @@ def start_drift(
     log_weight[0] -= np.log(2.0)  # the edge, by the trapezium rule
     log_weight -= _log_sum(log_weight)
     inverse = np.divide.outer(ratio, observation.measured[..., 0])
-    return _begun(
-        observation, speed_std_mps, inverse, share * inverse, log_weight, n_models
-    )
+    return _begun(observation, speed_std_mps, inverse, share * inverse, log_weight, n_models)
 
 
 def separated(track: GaussianSum, observation: Observation) -> Observation:
@@ -382,12 +363,9 @@ def predict_drift(
     # (root - 1) / s without the difference of large ranges.
     grown = (inverse * way2 - 2.0 * ahead) / (root + 1.0)
     mean = np.stack(
-        [
-            theta + np.arctan2(s1, s2), inverse / root,
-            distance + grown + interval_s * false, false,
-        ],
+        [theta + np.arctan2(s1, s2), inverse / root, distance + grown + interval_s * false, false],
         axis=-1,
-    )  # fmt: skip
+    )
     # d atan2(S1, S2) = (S2 dS1 - S1 dS2) / (S1^2 + S2^2), and likewise for the range.
     s1_theta, s2_theta = inverse * ahead, inverse * side
     s1_s, s2_s = side, -ahead
@@ -412,9 +390,7 @@ def predict_drift(
     return GaussianSum(Belief(mean, covariance, belief.probability), state.log_weight)
 
 
-def update_drift(
-    state: GaussianSum, observation: Observation
-) -> tuple[GaussianSum, InnovationFit]:
+def update_drift(state: GaussianSum, observation: Observation) -> tuple[GaussianSum, InnovationFit]:
     """Correct a predicted drifting filter by a scan; say how its bearing agrees."""
     state, fit = _correct(state, observation, slice(1, 2))
     # A range cannot be negative; the bearing alone does not know that.

@@ -29,10 +29,7 @@ from uwtrack_cli.data.options import AtLeast, Below, Unit, checked
 from uwtrack_cli.data.scans import Contacts
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.discrimination.contact_filters import Observation
-from uwtrack_cli.discrimination.options import (
-    ContactErrors,
-    ContactFilters,
-)
+from uwtrack_cli.discrimination.options import ContactErrors, ContactFilters
 from uwtrack_cli.discrimination.pair_test import (
     PairTest,
     Thresholds,
@@ -98,21 +95,13 @@ def arrange_contacts(
             Observation(table[i], spread[i], own.position[i], own.velocity[i])
             for i in range(times.size)
         ]
-    return [
-        _pair(a, b, tables[a], tables[b], times) for a, b in combinations(tables, 2)
-    ]
+    return [_pair(a, b, tables[a], tables[b], times) for a, b in combinations(tables, 2)]
 
 
 def _pair(
-    a: int,
-    b: int,
-    first: list[Observation],
-    second: list[Observation],
-    times: FloatArray,
+    a: int, b: int, first: list[Observation], second: list[Observation], times: FloatArray
 ) -> ContactPair:
-    has = np.array(
-        [[np.isfinite(s.measured).all() for s in t] for t in (first, second)]
-    )
+    has = np.array([[np.isfinite(s.measured).all() for s in t] for t in (first, second)])
     both = np.flatnonzero(has.all(axis=0))
     if both.size < 2:
         msg = (
@@ -133,9 +122,7 @@ def _pair(
     )  # fmt: skip
 
 
-def _measurements(
-    contacts: Contacts, errors: ContactErrors
-) -> tuple[FloatArray, FloatArray]:
+def _measurements(contacts: Contacts, errors: ContactErrors) -> tuple[FloatArray, FloatArray]:
     """Return range, bearing, range rate in radians and m, and their variances."""
     for name in ("range_m", "time_s"):
         values = getattr(contacts, name)
@@ -169,8 +156,7 @@ def _navigation_variance(
     side = np.stack([-line[:, 1], line[:, 0]], axis=-1)
     # The two changes, at the row before and after, are halves of that over both.
     along, across = (
-        ((change_mps * axis[:, None]).sum(axis=-1) ** 2).sum(axis=1) / 6.0
-        for axis in (line, side)
+        ((change_mps * axis[:, None]).sum(axis=-1) ** 2).sum(axis=1) / 6.0 for axis in (line, side)
     )
     reach = (0.5 * gap_s) ** 2
     bearing = across * reach / measured[:, 0] ** 2
@@ -326,10 +312,9 @@ def discriminate_contacts(
         upper_threshold=thresholds.upper,
         miss_probability=miss * share,
         false_alarm_probability=false_alarm * share,
-        moving_contact=_moving([p.first for p in pairs], [p.second for p in pairs],
-                               verdicts),
+        moving_contact=_moving([p.first for p in pairs], [p.second for p in pairs], verdicts),
         start_utc_ns=contacts.start_utc_ns,
-    )  # fmt: skip
+    )
 
 
 def _moving(first: list[int], second: list[int], verdicts: list[PairVerdict]) -> int:
@@ -407,9 +392,8 @@ def _comparison(odds: FloatArray, thresholds: Thresholds) -> tuple[float, float,
     error = overshoot_error(thresholds, 0.0)
     limit = thresholds.upper if side > 0.0 else -thresholds.lower
     taken = scans_to(
-        walk, (1.0 - 2.0 * error) * limit,
-        expected_scans(mean, deviation, thresholds, error),
-    )  # fmt: skip
+        walk, (1.0 - 2.0 * error) * limit, expected_scans(mean, deviation, thresholds, error)
+    )
     steady = fixed_scans(mean, deviation, error)
     length = scans_to(walk, steady * mean, steady)
     # odds that hardly grow ask for more scans than any number holds
@@ -419,11 +403,7 @@ def _comparison(odds: FloatArray, thresholds: Thresholds) -> tuple[float, float,
 
 
 def _reasons(
-    pair: ContactPair,
-    decision: int,
-    found: PairTest,
-    observable: BoolArray,
-    rejected: str,
+    pair: ContactPair, decision: int, found: PairTest, observable: BoolArray, rejected: str
 ) -> dict[str, str]:
     """Say in words what limits the decision."""
     reasons = {}
@@ -444,9 +424,7 @@ def _reasons(
                 "repeater: own ship headed for it or away"
             )
     if not pair.history:
-        reasons["history"] = (
-            "there was no single contact before the two: both filters start anew"
-        )
+        reasons["history"] = "there was no single contact before the two: both filters start anew"
     return reasons
 
 
@@ -466,8 +444,7 @@ def _caution(pair: ContactPair, decision: int, found: PairTest) -> str:
     if rejected is None or not wrong[rejected]:
         return ""
     worst = int(found.distance2[:, rejected].argmax())
-    rest = [np.delete(table[:, rejected], worst) for table in
-            (found.distance2, found.degrees)]  # fmt: skip
+    rest = [np.delete(table[:, rejected], worst) for table in (found.distance2, found.degrees)]
     if not rest[0].size or consistency(*rest) < _IMPROBABLE:
         return ""
     contact = pair.second if decision < 0 else pair.first

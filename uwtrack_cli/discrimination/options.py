@@ -29,9 +29,7 @@ class ContactErrors(OptionGroup):
     """
 
     range_std_m: Annotated[float | None, Unit("m"), AtLeast(1e-9), AtMost(1e6)] = None
-    bearing_std_deg: Annotated[
-        float | None, Unit("degree"), AtLeast(1e-9), AtMost(180.0)
-    ] = None
+    bearing_std_deg: Annotated[float | None, Unit("degree"), AtLeast(1e-9), AtMost(180.0)] = None
     range_rate_std_mps: Speed | None = None
 
 

@@ -95,9 +95,7 @@ def follow(
         if track is not None:
             state, _ = _go_on(track, observation, float(now), filters)
         elif np.isfinite(observation.measured[..., :2]).all():
-            state = start_moving(
-                observation, filters.speed_std_mps, filters.intensities.size
-            )
+            state = start_moving(observation, filters.speed_std_mps, filters.intensities.size)
         else:
             continue
         track = EarlierTrack(state, float(now), observation.position)
@@ -105,10 +103,7 @@ def follow(
 
 
 def _go_on(
-    track: EarlierTrack,
-    observation: Observation,
-    now: float,
-    filters: ContactFilters,
+    track: EarlierTrack, observation: Observation, now: float, filters: ContactFilters
 ) -> tuple[GaussianSum, InnovationFit]:
     """Carry a moving filter to a scan."""
     ahead = predict_moving(
@@ -132,9 +127,7 @@ def run_pair(
     and only starts the filters, which go on from ``history`` if there was one contact
     before.
     """
-    contacts = [
-        _start(scans[0], filters, history, times_s[0]) for scans in (first, second)
-    ]
+    contacts = [_start(scans[0], filters, history, times_s[0]) for scans in (first, second)]
     starts = [inverse_range_deviation(one.drifts) for one in contacts]
     fits: list[list[InnovationFit]] = []
     for scan in range(1, len(first)):
@@ -175,9 +168,7 @@ def consistency(distance2: FloatArray, degrees: FloatArray) -> FloatArray:
     scans = np.maximum((degrees > 0).sum(axis=0), 1)
     each = gammaincc(0.5 * np.maximum(degrees, 1), 0.5 * distance2)
     largest = -np.expm1(scans * np.log1p(-np.minimum(each.min(axis=0), 1.0 - 1e-15)))
-    total = gammaincc(
-        0.5 * np.maximum(degrees.sum(axis=0), 1), 0.5 * distance2.sum(axis=0)
-    )
+    total = gammaincc(0.5 * np.maximum(degrees.sum(axis=0), 1), 0.5 * distance2.sum(axis=0))
     probability: FloatArray = np.minimum(2.0 * np.minimum(largest, total), 1.0)
     return probability
 
@@ -195,10 +186,7 @@ class _Contact:
 
 
 def _start(
-    observation: Observation,
-    filters: ContactFilters,
-    history: "EarlierTrack | None",
-    now: float,
+    observation: Observation, filters: ContactFilters, history: "EarlierTrack | None", now: float
 ) -> _Contact:
     n_models, speed = filters.intensities.size, filters.speed_std_mps
     anew = moves = start_moving(observation, speed, n_models)
@@ -224,9 +212,7 @@ def _advance(
         return _go_on(track, observation, now, filters)
 
     moves, moving = move(contact.moves)
-    anew, beginning = (
-        (moves, moving) if contact.anew is contact.moves else move(contact.anew)
-    )
+    anew, beginning = (moves, moving) if contact.anew is contact.moves else move(contact.anew)
     drifts, drifting = update_drift(
         predict_drift(
             contact.drifts, now - before_s, observation.position - before,
@@ -286,9 +272,7 @@ def wald_thresholds(miss: float, false_alarm: float) -> Thresholds:
     >>> round(wald_thresholds(0.05, 0.05).upper, 3)
     2.944
     """
-    return Thresholds(
-        math.log(miss / (1.0 - false_alarm)), math.log((1.0 - miss) / false_alarm)
-    )
+    return Thresholds(math.log(miss / (1.0 - false_alarm)), math.log((1.0 - miss) / false_alarm))
 
 
 def first_crossing(log_odds: FloatArray, thresholds: Thresholds) -> "Crossing":
@@ -302,9 +286,7 @@ def first_crossing(log_odds: FloatArray, thresholds: Thresholds) -> "Crossing":
     return Crossing(np.where(decided, scan, -1), decision)
 
 
-def expected_scans(
-    mean: float, deviation: float, thresholds: Thresholds, error: float
-) -> float:
+def expected_scans(mean: float, deviation: float, thresholds: Thresholds, error: float) -> float:
     """Return the mean number of scans until a decision, wrong with a probability.
 
     Mean, above 0, and deviation are those of the log likelihood ratio per scan towards

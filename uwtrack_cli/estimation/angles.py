@@ -42,9 +42,7 @@ def compass_deg(east: FloatArray, north: FloatArray) -> FloatArray:
     return np.degrees(np.arctan2(east, north)) % 360.0
 
 
-def interpolate_deg(
-    time_s: FloatArray, known_s: FloatArray, angle_deg: FloatArray
-) -> FloatArray:
+def interpolate_deg(time_s: FloatArray, known_s: FloatArray, angle_deg: FloatArray) -> FloatArray:
     """Interpolate angles over time the short way round.
 
     Examples

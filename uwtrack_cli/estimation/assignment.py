@@ -114,9 +114,7 @@ class _Pairing:
         self._line_price[start] += least
         for taken, length in reached.items():
             self._line_price[self._line_at[taken]] += least - length
-            self._place_price[taken] = (
-                self._place_price.get(taken, 0.0) - (least - length)
-            )  # fmt: skip
+            self._place_price[taken] = self._place_price.get(taken, 0.0) - (least - length)
         line = None
         while line != start:
             line = before[place]

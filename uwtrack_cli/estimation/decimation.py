@@ -133,13 +133,10 @@ class _Step:
         """Return every so many-th sample, from each of the first ones on."""
         last = self._ratio * (count + 2 * self._steps - 1) + 1
         return [
-            np.ascontiguousarray(sound[phase : last : self._ratio])
-            for phase in range(self._ratio)
+            np.ascontiguousarray(sound[phase : last : self._ratio]) for phase in range(self._ratio)
         ]
 
-    def _filter(
-        self, phases: list[Samples], made: Samples, first: int, stop: int
-    ) -> None:
+    def _filter(self, phases: list[Samples], made: Samples, first: int, stop: int) -> None:
         """Make the results from one on to another."""
 
         def shifted(k: int) -> Samples:
@@ -198,9 +195,7 @@ def _low_pass(ratio: int) -> tuple[np.float32, ...]:
     return tuple(taps.astype(np.float32))
 
 
-def decimated_blocks(
-    reader: Reader, factor: int, block_samples: int
-) -> Iterator[Samples]:
+def decimated_blocks(reader: Reader, factor: int, block_samples: int) -> Iterator[Samples]:
     """Yield the sound of a reader at a lower rate, in blocks of any length.
 
     ``block_samples``: samples that are read at once, before the rate is reduced. A reader

@@ -22,10 +22,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.rows import Rows
-from uwtrack_cli.estimation.information_reduction import (
-    gate_probability,
-    information_reduction,
-)
+from uwtrack_cli.estimation.information_reduction import gate_probability, information_reduction
 from uwtrack_cli.estimation.operating_curve import OperatingCurve
 from uwtrack_cli.estimation.probabilistic_association import Innovation
 
@@ -100,11 +97,7 @@ def best_prior(
 
 @lru_cache(maxsize=16)
 def prior_rule(
-    curve: OperatingCurve,
-    limits: tuple[float, float],
-    *,
-    dimension: int,
-    gate: float,
+    curve: OperatingCurve, limits: tuple[float, float], *, dimension: int, gate: float
 ) -> Callable[[FloatArray], FloatArray]:
     """Tabulate `best_prior` and return it as a fast function of the region's cells."""
     # The table reaches beyond the limits: a kink where they begin would not be met.
@@ -225,9 +218,7 @@ _TINY = float(np.finfo(np.float64).tiny)
 
 
 @lru_cache(maxsize=16)
-def _threshold_limits(
-    curve: OperatingCurve, limits: tuple[float, float]
-) -> tuple[float, float]:
+def _threshold_limits(curve: OperatingCurve, limits: tuple[float, float]) -> tuple[float, float]:
     """Return the least and the greatest threshold within the limits."""
     lowest, highest = curve.threshold(np.array(limits[::-1])).tolist()
     return lowest, highest
@@ -275,13 +266,9 @@ def _strongest_sets(
     members = faintness[..., None, :] <= order[..., :-1, None]
     sums: FloatArray = np.matmul(members, terms)
     vector = sums[..., 2:]
-    return _StrongestSets(
-        -order, sums[..., 0], sums[..., 1], (vector * vector).sum(axis=-1)
-    )
+    return _StrongestSets(-order, sums[..., 0], sums[..., 1], (vector * vector).sum(axis=-1))
 
 
-def _background(
-    probability: FloatArray, detection: FloatArray, inside: float
-) -> FloatArray:
+def _background(probability: FloatArray, detection: FloatArray, inside: float) -> FloatArray:
     """Return b per unit of 1/V_c: P_F (1 - P_D P_G) / P_D."""
     return probability * (1.0 - detection * inside) / detection

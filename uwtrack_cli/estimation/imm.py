@@ -37,9 +37,8 @@ class Belief:
     def take(self, targets: BoolArray | IntArray | slice) -> "Belief":
         """Return some along the axis after the models."""
         return Belief(
-            self.mean[:, targets], self.covariance[:, targets],
-            self.probability[:, targets],
-        )  # fmt: skip
+            self.mean[:, targets], self.covariance[:, targets], self.probability[:, targets]
+        )
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> "Belief":
@@ -107,11 +106,7 @@ def moments(belief: Belief) -> tuple[FloatArray, FloatArray]:
 
 
 def smooth(
-    belief: Belief,
-    transition: FloatArray,
-    noise: FloatArray,
-    switching: FloatArray,
-    lag: int,
+    belief: Belief, transition: FloatArray, noise: FloatArray, switching: FloatArray, lag: int
 ) -> Belief:
     """Let the states of one target learn from as many later scans as the lag says.
 
@@ -146,32 +141,20 @@ def smooth(
         smoothed = belief
         for _ in range(lag):
             ahead = smoothed.take(slice(1, None))
-            back = _step_back(
-                belief.take(slice(last)), ahead, transition, noise, switching
-            )
+            back = _step_back(belief.take(slice(last)), ahead, transition, noise, switching)
             smoothed = Belief.join([back, belief.take(slice(last, None))])
         return smoothed
     found = [belief.take(slice(last, None))]
     for scan in range(last - 1, -1, -1):
         one = slice(scan, scan + 1)
         found.append(
-            _step_back(
-                belief.take(one),
-                found[-1],
-                transition[:, one],
-                noise[:, one],
-                switching,
-            )
+            _step_back(belief.take(one), found[-1], transition[:, one], noise[:, one], switching)
         )
     return Belief.join(found[::-1])
 
 
 def _step_back(
-    now: Belief,
-    ahead: Belief,
-    transition: FloatArray,
-    noise: FloatArray,
-    switching: FloatArray,
+    now: Belief, ahead: Belief, transition: FloatArray, noise: FloatArray, switching: FloatArray
 ) -> Belief:
     """Correct filters by the smoothed ones of the next scan, ``(model, scan, ...)``."""
     mixed = mix(now, switching)

@@ -114,9 +114,7 @@ def information_reduction(
         part = slice(first, first + _POINTS_AT_ONCE)
         exponent = factors[part] @ decay
         result[part] = np.exp(exponent, out=exponent) @ weight
-    scaled: FloatArray = (flat_detection * volume / gaussian * result).reshape(
-        detection.shape
-    )
+    scaled: FloatArray = (flat_detection * volume / gaussian * result).reshape(detection.shape)
     return scaled
 
 
@@ -139,10 +137,9 @@ def _tables(dimension: int, gate: float) -> tuple[FloatArray, FloatArray, FloatA
     damping = -np.multiply.outer(s, np.exp(-0.5 * radius**2))
     # 1 - phi directly: phi is 1 to the last digit where s is small.
     deficit = -(
-        np.expm1(damping)
-        * (radial * dimension / gate**dimension * radius ** (dimension - 1))
+        np.expm1(damping) * (radial * dimension / gate**dimension * radius ** (dimension - 1))
     ).sum(axis=-1)
-    psi = (
-        np.exp(damping) * (radial * radius ** (dimension + 1) * np.exp(-(radius**2)))
-    ).sum(axis=-1)
+    psi = (np.exp(damping) * (radial * radius ** (dimension + 1) * np.exp(-(radius**2)))).sum(
+        axis=-1
+    )
     return s, deficit, s * _LOG_S_STEP * psi

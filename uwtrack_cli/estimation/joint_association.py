@@ -84,11 +84,7 @@ def _clusters(share: FloatArray) -> tuple[FloatArray, list[IntArray], int]:
         gated = share > 0.0
         shared = gated[:, gated.sum(axis=0) > 1]
         groups = _components(shared)
-        crowded = [
-            group
-            for group in groups
-            if (gated[group].sum(axis=0) > 1).sum() > MOST_SHARED
-        ]
+        crowded = [group for group in groups if (gated[group].sum(axis=0) > 1).sum() > MOST_SHARED]
         if not crowded:
             return share, groups, n_omitted
         if not n_omitted:

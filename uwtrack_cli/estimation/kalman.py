@@ -50,11 +50,7 @@ def predict(
     """
     noise = white_acceleration(step_s)
     rate_variance = state.rate_variance + noise_density * noise.rate
-    covariance = (
-        state.covariance
-        + step_s * state.rate_variance
-        + noise_density * noise.covariance
-    )
+    covariance = state.covariance + step_s * state.rate_variance + noise_density * noise.covariance
     variance = (
         state.variance
         + step_s * (2.0 * state.covariance + step_s * state.rate_variance)
@@ -75,9 +71,7 @@ def advance(state: KalmanState, step_s: float, noise_density: FloatArray) -> Non
     rate_variance += noise_density * noise.rate
 
 
-def update(
-    state: KalmanState, innovation: FloatArray, noise_variance: FloatArray
-) -> KalmanState:
+def update(state: KalmanState, innovation: FloatArray, noise_variance: FloatArray) -> KalmanState:
     """Improve predicted states by one measurement of each position.
 
     The innovation is measured minus predicted position, bearings wrapped by the caller;
@@ -142,9 +136,7 @@ def smooth_all(states: FloatArray, steps_s: FloatArray, noise_density: FloatArra
         states[k, 2:] += (two[k] * off[2:]).sum(axis=1)
 
 
-def _smoother_gain(
-    now: KalmanState, ahead: KalmanState, step_s: FloatArray
-) -> FloatArray:
+def _smoother_gain(now: KalmanState, ahead: KalmanState, step_s: FloatArray) -> FloatArray:
     """Return C = P F' inv(P-) for F = [1 T; 0 1], shape ``(time, 2, 2, ...)``."""
     a00 = now.variance + step_s * now.covariance
     a10 = now.covariance + step_s * now.rate_variance

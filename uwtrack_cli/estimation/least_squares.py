@@ -91,8 +91,7 @@ def damped_least_squares(  # noqa: PLR0913 (bounds, and when to stop)
                 break
             found[rows[done]] = last[done]
             rows, theta, step, damping, cost, gradient, matrix = (
-                each[~done]
-                for each in (rows, theta, step, damping, cost, gradient, matrix)
+                each[~done] for each in (rows, theta, step, damping, cost, gradient, matrix)
             )
         trial = theta + step if bounds is None else np.clip(theta + step, *bounds)
         new = evaluate(trial, rows)

@@ -42,10 +42,7 @@ class NarrowBand(NamedTuple):
 
 
 def narrow_bands(
-    blocks: Iterable[FloatArray],
-    rate_hz: float,
-    centre_hz: FloatArray,
-    half_hz: FloatArray,
+    blocks: Iterable[FloatArray], rate_hz: float, centre_hz: FloatArray, half_hz: FloatArray
 ) -> list[NarrowBand]:
     """Cut bands out of sound that comes in blocks.
 
@@ -64,9 +61,7 @@ def narrow_bands(
     size = 1 << max(4, int(np.ceil(np.log2(cuts))))
     hop, window = size // 2, hann(size).astype(np.float32)
     bands = [
-        _Band(
-            size, round(centre * size / rate_hz), max(1, round(half * size / rate_hz))
-        )
+        _Band(size, round(centre * size / rate_hz), max(1, round(half * size / rate_hz)))
         for centre, half in zip(centre_hz, half_hz, strict=True)
     ]
     pending, n_samples = np.zeros(hop, np.float32), -size  # less the silence at last

@@ -239,12 +239,8 @@ def _through(level: FloatArray, centres: FloatArray, place: FloatArray) -> Float
     share = (place - centres[left]) / (centres[left + 1] - centres[left])
     bend = np.minimum(np.diff(level, 2), 0.0)
     bend = np.concatenate([2.0 * bend[:1], bend, 2.0 * bend[-1:]])
-    bulge = np.minimum(bend[left], bend[left + 1]) * np.maximum(
-        share * (1 - share), 0.0
-    )
-    through: FloatArray = (
-        level[left] + (level[left + 1] - level[left]) * share - 0.5 * bulge
-    )
+    bulge = np.minimum(bend[left], bend[left + 1]) * np.maximum(share * (1 - share), 0.0)
+    through: FloatArray = level[left] + (level[left + 1] - level[left]) * share - 0.5 * bulge
     return through
 
 
@@ -404,9 +400,7 @@ def _median_covariance(squared_correlation: float) -> float:
 
 
 @lru_cache(maxsize=256)
-def threshold_factor(
-    probability: float, n_independent: float, own_share: float = 0.0
-) -> float:
+def threshold_factor(probability: float, n_independent: float, own_share: float = 0.0) -> float:
     """Return the power over the estimated floor that noise exceeds so often.
 
     Behind the floor are so many independent cells (`independent_cells`), of which a

@@ -43,9 +43,7 @@ def half_width(share: FloatArray, mean: FloatArray, std: FloatArray) -> float:
     return high
 
 
-def widened(
-    covariance: FloatArray, weight: FloatArray, added: FloatArray
-) -> FloatArray:
+def widened(covariance: FloatArray, weight: FloatArray, added: FloatArray) -> FloatArray:
     """Return a covariance whose every deviation holds 95 % of a mixture.
 
     Parameters

@@ -97,9 +97,7 @@ def measured_curve(
         found: FloatArray = np.exp(np.interp(tau, threshold[::-1], logarithm[::-1]))
         return found
 
-    return OperatingCurve(
-        interpolate(detection), interpolate(threshold), inverse, limits
-    )
+    return OperatingCurve(interpolate(detection), interpolate(threshold), inverse, limits)
 
 
 def constant_curve(detection: float) -> OperatingCurve:

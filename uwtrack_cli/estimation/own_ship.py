@@ -42,8 +42,7 @@ def times_of_navigation(
     clock = navigation.time_s
     if clock.size < 2 or np.any(np.diff(clock) <= 0.0):
         msg = (
-            "own ship's navigation needs two rows or more with rising times, "
-            f"it has {clock.size}."
+            f"own ship's navigation needs two rows or more with rising times, it has {clock.size}."
         )
         raise DataError(msg)
     if (start_utc_ns is None) != (navigation.start_utc_ns is None):
@@ -92,6 +91,5 @@ def own_motion(
     change = np.diff(np.pad(mean, ((1, 1), (0, 0)), mode="edge"), axis=0)
     row = np.clip(np.searchsorted(clock, now) - 1, 0, gap_s.size - 1)
     return OwnMotion(
-        found[:, :2], found[:, 2:],
-        np.stack([change[row], change[row + 1]], axis=1), gap_s[row],
-    )  # fmt: skip
+        found[:, :2], found[:, 2:], np.stack([change[row], change[row + 1]], axis=1), gap_s[row]
+    )

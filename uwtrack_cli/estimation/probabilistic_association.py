@@ -149,9 +149,7 @@ def innovate(
     constant = (2.0 * math.pi) ** (-0.5 * spread.shape[-1])
     density = np.exp(-0.5 * distance2)
     density *= constant / np.sqrt(determinant)
-    return Innovation(
-        residual, spread, gain, distance2, determinant, move, gain @ turned, density
-    )
+    return Innovation(residual, spread, gain, distance2, determinant, move, gain @ turned, density)
 
 
 def _determinant(matrix: FloatArray) -> FloatArray:
@@ -229,10 +227,7 @@ def associate(
 
 
 def correct(
-    mean: FloatArray,
-    covariance: FloatArray,
-    innovation: Innovation,
-    association: Association,
+    mean: FloatArray, covariance: FloatArray, innovation: Innovation, association: Association
 ) -> tuple[FloatArray, FloatArray]:
     """Correct a predicted state by the mean over the hypotheses.
 

@@ -30,9 +30,7 @@ def shortfall(statistic: FloatArray, log_likelihood_ratio: FloatArray) -> FloatA
     return np.maximum(statistic + LEAST_RISE - log_likelihood_ratio, 0.0)
 
 
-def track_score(
-    log_likelihood_ratio: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
+def track_score(log_likelihood_ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the score after each scan and the statistic of the test for a loss.
 
     Of ln p(scan | target) - ln p(scan | clutter alone), ``(scan, ...)``. The statistic

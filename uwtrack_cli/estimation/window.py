@@ -53,15 +53,11 @@ def cell_correlation(lag_bins: float, lag_windows: float) -> float:
 @lru_cache(maxsize=8)
 def _offset_table(step_bins: float) -> tuple[FloatArray, FloatArray]:
     truth = np.linspace(-0.5, 0.5, 401) * step_bins
-    left, centre, right = (
-        np.log(response(truth - k * step_bins)) for k in (-1.0, 0.0, 1.0)
-    )
+    left, centre, right = (np.log(response(truth - k * step_bins)) for k in (-1.0, 0.0, 1.0))
     return parabola_offset(left, centre, right), truth
 
 
-def parabola_offset(
-    left: FloatArray, centre: FloatArray, right: FloatArray
-) -> FloatArray:
+def parabola_offset(left: FloatArray, centre: FloatArray, right: FloatArray) -> FloatArray:
     """Return where a parabola through three neighbours is largest, in their distance."""
     curvature = np.minimum(left + right - 2.0 * centre, -1e-12)
     return np.clip(0.5 * (left - right) / curvature, -0.5, 0.5)

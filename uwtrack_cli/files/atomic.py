@@ -92,9 +92,7 @@ def _check_folder(path: Path, folder: Path) -> None:
         raise OutputError(msg)
 
 
-def _check_existing(
-    path: Path, target: Path, *, overwrite: bool, inputs: Sequence[Path]
-) -> None:
+def _check_existing(path: Path, target: Path, *, overwrite: bool, inputs: Sequence[Path]) -> None:
     if not target.exists():
         return
     if target.is_dir():

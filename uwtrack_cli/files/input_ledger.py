@@ -96,8 +96,7 @@ def refuse_input(target: Path) -> None:
 def refusal(target: Path) -> str:
     """Say that an input is not overwritten."""
     return (
-        f"{target} is read by this command and is not overwritten; "
-        f"name another file with --output."
+        f"{target} is read by this command and is not overwritten; name another file with --output."
     )
 
 

@@ -36,9 +36,7 @@ _TIME_SIGNALS = (signal.SIGXCPU, signal.SIGALRM) if hasattr(signal, "SIGXCPU") e
 TOO_LONG = json.dumps(["refused", "reading it takes too long"]).encode()
 
 
-def run_limited(
-    function: str, *arguments: str, seconds: float, data: bytes = b""
-) -> Any:
+def run_limited(function: str, *arguments: str, seconds: float, data: bytes = b"") -> Any:
     """Return what a function returns, run in a child process with limits.
 
     ``function``: its module and name, ``package.module:name``; it takes the arguments
@@ -62,9 +60,7 @@ def run_limited(
     return value
 
 
-def _answer(
-    function: str, arguments: tuple[str, ...], seconds: float, data: bytes
-) -> bytes:
+def _answer(function: str, arguments: tuple[str, ...], seconds: float, data: bytes) -> bytes:
     """Run the function within the limits, and return its answer."""
     _limit(seconds)
     module, name = function.split(":")
@@ -94,9 +90,7 @@ def _limit(seconds: float) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 
 
-def _forked(
-    function: str, arguments: tuple[str, ...], seconds: float, data: bytes
-) -> bytes:
+def _forked(function: str, arguments: tuple[str, ...], seconds: float, data: bytes) -> bytes:
     receive, send = os.pipe()
     with warnings.catch_warnings():  # other threads do not matter: the child uses none
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -118,11 +112,7 @@ def _forked(
 
 
 def _be_the_child(
-    send: int,
-    function: str,
-    arguments: tuple[str, ...],
-    seconds: float,
-    data: bytes,
+    send: int, function: str, arguments: tuple[str, ...], seconds: float, data: bytes
 ) -> NoReturn:
     """Answer and end, without ever returning into what the parent was doing."""
     try:
@@ -143,9 +133,7 @@ def _be_the_child(
 def _received(receive: int, until: float) -> bytes:
     parts: list[bytes] = []
     while True:
-        ready, _, _ = select.select(
-            [receive], [], [], max(0.0, until - time.monotonic())
-        )
+        ready, _, _ = select.select([receive], [], [], max(0.0, until - time.monotonic()))
         if not ready:
             raise TimeoutError
         part = os.read(receive, 1 << 16)
@@ -154,9 +142,7 @@ def _received(receive: int, until: float) -> bytes:
         parts.append(part)
 
 
-def _spawned(
-    function: str, arguments: tuple[str, ...], seconds: float, data: bytes
-) -> bytes:
+def _spawned(function: str, arguments: tuple[str, ...], seconds: float, data: bytes) -> bytes:
     try:
         done = subprocess.run(  # noqa: S603
             [sys.executable, "-m", __name__, function, str(seconds), *arguments],
@@ -170,10 +156,5 @@ def _spawned(
 
 if __name__ == "__main__":
     sys.stdout.buffer.write(
-        _answer(
-            sys.argv[1],
-            tuple(sys.argv[3:]),
-            float(sys.argv[2]),
-            sys.stdin.buffer.read(),
-        )
+        _answer(sys.argv[1], tuple(sys.argv[3:]), float(sys.argv[2]), sys.stdin.buffer.read())
     )

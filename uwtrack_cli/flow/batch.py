@@ -23,13 +23,7 @@ from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.renamed import with_old_keys
-from uwtrack_cli.errors import (
-    DataError,
-    MissingError,
-    OutputError,
-    UwtrackNote,
-    UwtrackWarning,
-)
+from uwtrack_cli.errors import DataError, MissingError, OutputError, UwtrackNote, UwtrackWarning
 from uwtrack_cli.files.hdf5.product import (
     HistoryStep,
     Product,
@@ -46,11 +40,7 @@ from uwtrack_cli.files.text_escaping import file_name
 from uwtrack_cli.files.utc import parse_utc
 from uwtrack_cli.flow.concatenate import clip_recording, join_recordings
 from uwtrack_cli.flow.engine import Progress
-from uwtrack_cli.flow.products import (
-    history_of_graph,
-    run_into_product,
-    source_of_recording,
-)
+from uwtrack_cli.flow.products import history_of_graph, run_into_product, source_of_recording
 from uwtrack_cli.flow.recipe import Recipe
 from uwtrack_cli.flow.recorder_folder import Joining, OwnSpan, distinct_passages
 from uwtrack_cli.flow.sources import open_with_options
@@ -153,9 +143,7 @@ def run_job(job: Job, progress: Progress | None = None) -> Outcome:
     ``progress``: called with the seconds of sound that are done.
     """
     begin = time.process_time()
-    blank = Outcome(
-        str(job.sources[0]), str(job.target), FAILED, n_sources=len(job.sources)
-    )
+    blank = Outcome(str(job.sources[0]), str(job.target), FAILED, n_sources=len(job.sources))
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", UwtrackWarning)
@@ -181,9 +169,7 @@ def run_job(job: Job, progress: Progress | None = None) -> Outcome:
 
 
 def _is_warning(category: type[Warning]) -> bool:
-    return issubclass(category, UwtrackWarning) and not issubclass(
-        category, UwtrackNote
-    )
+    return issubclass(category, UwtrackWarning) and not issubclass(category, UwtrackNote)
 
 
 @dataclass(frozen=True)
@@ -207,10 +193,7 @@ def _make(job: Job, blank: Outcome, progress: Progress | None) -> Outcome:
     if vessels is not None:
         vessels.check(recording)
     begun = replace(
-        blank,
-        n_sources=len(opened.sources),
-        duration_s=recording.duration_s,
-        faults=opened.faults,
+        blank, n_sources=len(opened.sources), duration_s=recording.duration_s, faults=opened.faults
     )
     is_there = job.target.exists()
     if is_there:
@@ -236,9 +219,7 @@ def _make(job: Job, blank: Outcome, progress: Progress | None) -> Outcome:
     return replace(begun, status=DONE, encounters=tuple(rows))
 
 
-def count_once(
-    jobs: Sequence[Job], outcomes: Mapping[int, Outcome]
-) -> dict[int, Outcome]:
+def count_once(jobs: Sequence[Job], outcomes: Mapping[int, Outcome]) -> dict[int, Outcome]:
     """Return outcomes in which a passage of two parts of a recording stands once.
 
     ``outcomes``: what became of the jobs, by their numbers.
@@ -253,8 +234,7 @@ def count_once(
     rows = [outcomes[k].encounters for k in numbers]
     kept = distinct_passages(rows, owns, _time_of)
     return {
-        k: replace(outcomes[k], encounters=tuple(own))
-        for k, own in zip(numbers, kept, strict=True)
+        k: replace(outcomes[k], encounters=tuple(own)) for k, own in zip(numbers, kept, strict=True)
     }
 
 
@@ -307,9 +287,7 @@ def _opened(job: Job) -> _Opened:
         if found is not None:
             there.append(found)
     if not there:
-        raise DataError(
-            faults[0]["message"] if faults else "there is no sound to join."
-        )
+        raise DataError(faults[0]["message"] if faults else "there is no sound to join.")
     sources = [source_of_recording(recording) for recording in there]
     if len(there) == 1 and job.own_ns is None:
         return _Opened(there[0], sources, None, tuple(faults))

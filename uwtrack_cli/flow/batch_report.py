@@ -49,9 +49,7 @@ def report_rows(outcomes: Sequence[Outcome], folder: Path) -> list[dict[str, Any
     return rows
 
 
-def check_report(
-    folder: Path, found: Sequence[FoundRecording], *, overwrite: bool
-) -> None:
+def check_report(folder: Path, found: Sequence[FoundRecording], *, overwrite: bool) -> None:
     """Refuse a folder where the report would replace what must stay.
 
     ``found``: the recordings of this batch. ``overwrite``: whether the report of another
@@ -110,9 +108,7 @@ def write_report(outcomes: Sequence[Outcome], folder: Path) -> tuple[Path, Path]
     writer = csv.DictWriter(text, HEADS, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     writer.writerows({k: csv_cell(v) for k, v in row.items()} for row in rows)
-    lines = "".join(
-        plain_text(json.dumps(row, ensure_ascii=False)) + "\n" for row in rows
-    )
+    lines = "".join(plain_text(json.dumps(row, ensure_ascii=False)) + "\n" for row in rows)
     written = folder / NAMES[0], folder / NAMES[1]
     for path, content in zip(written, (text.getvalue(), lines), strict=True):
         write_text(path, content, overwrite=True)

@@ -21,13 +21,7 @@ from uwtrack_cli.files.tables.sensors import load_deployment, sensor_files
 from uwtrack_cli.files.text_escaping import file_name
 from uwtrack_cli.flow.batch import Job
 from uwtrack_cli.flow.recipe import Recipe
-from uwtrack_cli.flow.recorder_folder import (
-    Joining,
-    Part,
-    find_span,
-    plan_parts,
-    remarks,
-)
+from uwtrack_cli.flow.recorder_folder import Joining, Part, find_span, plan_parts, remarks
 from uwtrack_cli.flow.vessel_names import WITHIN_M, read_vessels
 
 SUFFIX = ".run.h5"
@@ -146,9 +140,7 @@ def make_jobs(
 
 
 def describe_recorders(
-    found: Sequence[FoundRecording],
-    options: Mapping[str, Any],
-    joining: Joining | None = None,
+    found: Sequence[FoundRecording], options: Mapping[str, Any], joining: Joining | None = None
 ) -> list[str]:
     """Return what recordings have to do with each other, in words.
 
@@ -158,12 +150,7 @@ def describe_recorders(
     known = {k: span for k, span in spans.items() if span is not None}
     paths = [found[k].path for k in known]
     return list(
-        remarks(
-            paths,
-            list(known.values()),
-            joining or Joining(),
-            is_joined=joining is not None,
-        )
+        remarks(paths, list(known.values()), joining or Joining(), is_joined=joining is not None)
     )
 
 
@@ -227,8 +214,7 @@ def _targets(places: Sequence[tuple[Path, Path]], folder: Path) -> list[Path]:
         targets.append(name if is_free or _is_made_of(name, path) else full)
     twice = [target for target, n in Counter(targets).items() if n > 1]
     if twice:
-        clash = [path for (path, _), p in zip(places, targets, strict=True)
-                 if p == twice[0]]  # fmt: skip
+        clash = [path for (path, _), p in zip(places, targets, strict=True) if p == twice[0]]
         msg = (
             f"{' and '.join(map(str, clash))} would both be written to "
             f"{twice[0]}: name the folder above them, or run them apart."

@@ -61,9 +61,7 @@ def keys_of_branch(product: Product, step: str | None) -> list[ContainerKey]:
     branch = _branch(product.history, step)
     windows_s = rung_windows_s(product.history)
     if step in windows_s:  # a rung's own picture
-        branch |= {
-            n for n, window_s in windows_s.items() if window_s == windows_s[step]
-        }
+        branch |= {n for n, window_s in windows_s.items() if window_s == windows_s[step]}
     found: list[ContainerKey] = []
     for key in keys:
         others = [k for k in keys if (k.sensor, k.name) == (key.sensor, key.name)]
@@ -74,9 +72,7 @@ def keys_of_branch(product: Product, step: str | None) -> list[ContainerKey]:
     return found
 
 
-def sole_keys(
-    product: Product, step: str | None, kinds: Collection[str]
-) -> list[ContainerKey]:
+def sole_keys(product: Product, step: str | None, kinds: Collection[str]) -> list[ContainerKey]:
     """Return `keys_of_branch` after checking that some kinds are there but once.
 
     ``step``: a step of the branch; None if none was named. ``kinds``: names of the
@@ -105,9 +101,7 @@ def sole_keys(
     return keys
 
 
-def without_asides(
-    product: Product, keys: Sequence[ContainerKey]
-) -> list[ContainerKey]:
+def without_asides(product: Product, keys: Sequence[ContainerKey]) -> list[ContainerKey]:
     """Leave out what is meant only where it is named, if there is more of its kind.
 
     That is what is gathered by `presence` or `multi-resolution`, and the picture of an envelope.
@@ -130,9 +124,7 @@ def _with_usual_pictures(keys: Sequence[ContainerKey]) -> list[ContainerKey]:
     """Leave out pictures of other rungs, where there is one that needs no naming."""
     usual = {key.sensor for key in keys if key.name == Overview.NAME and not key.step}
     return [
-        key
-        for key in keys
-        if key.name != Overview.NAME or not key.step or key.sensor not in usual
+        key for key in keys if key.name != Overview.NAME or not key.step or key.sensor not in usual
     ]
 
 
@@ -150,9 +142,7 @@ def rung_windows_s(history: Sequence[HistoryStep]) -> dict[str, float]:
     ]
     if len(sources) < 2 or any(each != alike[0] for each in alike):
         return {}
-    after = {
-        past.step_name: _reached(past.step_name, _edges(history)) for past in sources
-    }
+    after = {past.step_name: _reached(past.step_name, _edges(history)) for past in sources}
     found: dict[str, float] = {}
     for past in history:
         own = [rung for rung in sources if past.step_name in after[rung.step_name]]
@@ -183,8 +173,7 @@ def _is_aside(product: Product, key: ContainerKey) -> bool:
     readers = [past for past in product.history if name in past.inputs]
     held = {maker(product, other) for other in product.paths}
     return bool(readers) and all(
-        past.step_name not in held or _reads_beside(product, past, name)
-        for past in readers
+        past.step_name not in held or _reads_beside(product, past, name) for past in readers
     )
 
 
@@ -197,9 +186,7 @@ def _reads_beside(product: Product, past: HistoryStep, name: str) -> bool:
     return name in lines[1:]
 
 
-def read_of_branch(
-    product: Product, kind: type[C], sensor: str | None, step: str | None
-) -> C:
+def read_of_branch(product: Product, kind: type[C], sensor: str | None, step: str | None) -> C:
     """Read a container, of several results of its kind that of a branch.
 
     ``kind``: class of the container. ``sensor``: its sensor; not needed where only one
@@ -212,11 +199,7 @@ def read_of_branch(
         There is none, or several and no sensor or step is named.
     """
     keys = sole_keys(product, step, {kind.NAME})
-    made_by = {
-        key.step
-        for key in keys
-        if key.name == kind.NAME and sensor in (None, key.sensor)
-    }
+    made_by = {key.step for key in keys if key.name == kind.NAME and sensor in (None, key.sensor)}
     found = product.read(kind, sensor, made_by.pop() if len(made_by) == 1 else None)
     return of_rung(found, product.history, step)
 

@@ -137,9 +137,7 @@ def calibrate_sensor(
     frames = _frames(recording, band_hz, window_s)
     time_s = frames.time_s - shift_s
     tracks = list(_tracks(truth, sensor, (float(time_s[0]), float(time_s[-1]))))
-    heard = {
-        track.name: track.heard(time_s, sensor.sound_speed_mps) for track in tracks
-    }
+    heard = {track.name: track.heard(time_s, sensor.sound_speed_mps) for track in tracks}
     name = _chosen(heard, vessel, within_m, truth)
     track = next(one for one in tracks if one.name == name)
     range_m = np.hypot(*heard[name])
@@ -151,9 +149,7 @@ def calibrate_sensor(
         used = (range_m <= within_m) & (apart > ALONE * range_m)
     passage = _passage(sensor, truth, frames, (track, time_s, used))
     fit, sensor = _fit(passage, sensor)
-    return _measured(sensor, name, fit, float(np.min(range_m[used]))), _corrected(
-        sensor, fit
-    )
+    return _measured(sensor, name, fit, float(np.min(range_m[used]))), _corrected(sensor, fit)
 
 
 def _fit(known: KnownPassage, sensor: Sensor) -> tuple[DipoleFit, Sensor]:
@@ -202,15 +198,11 @@ def _check_sensor(sensor: Sensor) -> None:
         raise DataError(msg)
 
 
-def _frames(
-    recording: Recording, band_hz: tuple[float, float], window_s: float
-) -> WhitenedFrames:
+def _frames(recording: Recording, band_hz: tuple[float, float], window_s: float) -> WhitenedFrames:
     """Return frames along the recorded axes themselves, with nothing corrected."""
     own = recording.sensor.channels.replace("x", "east").replace("y", "north")
     bare = Sensor(id=recording.sensor.id, kind="difar", channels=own)
-    blocks = compute_spectrogram(
-        replace(recording, sensor=bare), window_s=window_s, zero_padding=1
-    )
+    blocks = compute_spectrogram(replace(recording, sensor=bare), window_s=window_s, zero_padding=1)
     highest = min(band_hz[1], 0.45 * recording.sample_rate_hz)
     return whiten_frames(blocks, band_hz=(band_hz[0], highest), n_bands=N_BANDS)
 
@@ -236,14 +228,10 @@ class _Track:
         return place
 
     def _at(self, time_s: FloatArray) -> FloatArray:
-        return np.stack(
-            interpolate_track(self.track, self.east_m, self.north_m, time_s)
-        )
+        return np.stack(interpolate_track(self.track, self.east_m, self.north_m, time_s))
 
 
-def _tracks(
-    truth: Truth, sensor: Sensor, span_s: tuple[float, float]
-) -> Iterator[_Track]:
+def _tracks(truth: Truth, sensor: Sensor, span_s: tuple[float, float]) -> Iterator[_Track]:
     """Yield the tracks of all vessels that were near during a span of time."""
     if not truth.is_geographic and sensor.id not in truth.sensor_places:
         msg = f"{truth.name} does not say where sensor {sensor.id!r} was."
@@ -273,9 +261,7 @@ def _on_grid(track: VesselTrack, truth: Truth, sensor: Sensor) -> Iterator[_Trac
         yield _Track(track.vessel, track, places[:, 0], places[:, 1])
 
 
-def _chosen(
-    heard: dict[str, FloatArray], vessel: str | None, within_m: float, truth: Truth
-) -> str:
+def _chosen(heard: dict[str, FloatArray], vessel: str | None, within_m: float, truth: Truth) -> str:
     """Return the vessel of a name, or the one that comes nearest."""
     least = {
         name: float(np.nanmin(np.hypot(*place)))
@@ -349,14 +335,10 @@ def _difference(one: FloatArray, other: FloatArray) -> FloatArray:
     return np.asarray((one - other + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def _measured(
-    sensor: Sensor, vessel: str, fit: DipoleFit, least_range_m: float
-) -> Calibration:
+def _measured(sensor: Sensor, vessel: str, fit: DipoleFit, least_range_m: float) -> Calibration:
     quantities = [
         MeasuredQuantity(name, float(value), float(std), bool(told))
-        for name, value, std, told in zip(
-            NAMES, fit.value, fit.std, fit.is_told, strict=True
-        )
+        for name, value, std, told in zip(NAMES, fit.value, fit.std, fit.is_told, strict=True)
     ]
     return Calibration(
         sensor=sensor.id,
@@ -381,9 +363,7 @@ def _corrected(sensor: Sensor, fit: DipoleFit) -> Sensor:
         dipole_gains=f"{value[0]},{value[1]}",
         dipole_crosstalk=value[2],
         omni_crosstalk=f"{value[3]},{value[4]}",
-        compass_offset_deg=round(
-            (sensor.compass_offset_deg + value[5] + 180.0) % 360.0 - 180.0, 3
-        ),
+        compass_offset_deg=round((sensor.compass_offset_deg + value[5] + 180.0) % 360.0 - 180.0, 3),
         compass_std_deg=round(fit.bearing_std_deg, 3),
         north=None,
     )

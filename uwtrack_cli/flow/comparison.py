@@ -192,10 +192,7 @@ def _compare_scalars(
 
 
 def _compare_numbers(
-    key: tuple[str, str | None, str],
-    a: NDArray[Any],
-    b: NDArray[Any],
-    close: Closeness,
+    key: tuple[str, str | None, str], a: NDArray[Any], b: NDArray[Any], close: Closeness
 ) -> Iterator[Difference]:
     if a.dtype.kind in "iu" and b.dtype.kind in "iu":
         apart = np.abs(a.astype(object) - b.astype(object)).astype(float)

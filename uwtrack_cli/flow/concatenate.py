@@ -19,14 +19,7 @@ from warnings import warn
 import numpy as np
 
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.recording import (
-    Lock,
-    Reader,
-    RecordedFiles,
-    Recording,
-    Samples,
-    read_segment,
-)
+from uwtrack_cli.data.recording import Lock, Reader, RecordedFiles, Recording, Samples, read_segment
 from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.audio.reader import AudioReader
 from uwtrack_cli.flow.recorder_folder import SLACK_S
@@ -78,9 +71,7 @@ class JoinedReader:
             yield from self._file(reader, n_samples, block_samples)
             position = start + n_samples
 
-    def _file(
-        self, reader: Reader, n_samples: int, block_samples: int
-    ) -> Iterator[Samples]:
+    def _file(self, reader: Reader, n_samples: int, block_samples: int) -> Iterator[Samples]:
         """Yield the samples of a file; where it breaks off, the rest is a gap."""
         count = 0
         try:
@@ -176,9 +167,7 @@ def lock_of(recording: Recording) -> list[Lock]:
     return [Lock.join(found)] if found else []
 
 
-def clip_recording(
-    recording: Recording, begin_ns: int, end_ns: int
-) -> Recording | None:
+def clip_recording(recording: Recording, begin_ns: int, end_ns: int) -> Recording | None:
     """Return what of a recording lies in a span of time, None if nothing does.
 
     ``recording``: a recording of one file; one whose start is not known is returned

@@ -59,9 +59,7 @@ class Deployment:
     """Products that could not be read, and what is unclear, in words."""
 
 
-def read_deployment(
-    sources: Sequence[Path], table: PassageTable, glanced: int = 0
-) -> Deployment:
+def read_deployment(sources: Sequence[Path], table: PassageTable, glanced: int = 0) -> Deployment:
     """Read what results say of a deployment.
 
     ``table``: their passages, as `collect_passages` gives them. ``glanced``: passages
@@ -88,15 +86,11 @@ def read_deployment(
                         known[key] = listened
         except UwtrackError:
             continue  # the table has named it
-    order = sorted(
-        known.values(), key=lambda r: (r.span_ns or (0, 0), r.sensor, r.name)
-    )
+    order = sorted(known.values(), key=lambda r: (r.span_ns or (0, 0), r.sensor, r.name))
     return Deployment(order, table.passages, table.sound, held, table.problems)
 
 
-def _listened(
-    product: Product,
-) -> "list[tuple[tuple[str, str, int], Listened]]":
+def _listened(product: Product) -> "list[tuple[tuple[str, str, int], Listened]]":
     presence, levels = product.read_all(Presence), product.read_all(Decidecades)
     found = []
     for recording in product.read_all(Recording):
@@ -115,8 +109,6 @@ def _listened(
             span = (start, start + round(recording.duration_s * NANOSECONDS))
         key = (recording.digest or recording.name, sensor, recording.first_sample)
         hours = [h for one in levels if one.sensor == sensor for h in hour_levels(one)]
-        listened = Listened(
-            recording.name, sensor, span, tuple(sorted(heard)), tuple(hours)
-        )
+        listened = Listened(recording.name, sensor, span, tuple(sorted(heard)), tuple(hours))
         found.append((key, listened))
     return found

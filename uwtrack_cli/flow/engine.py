@@ -140,9 +140,7 @@ class Engine:
             if node.step.stage.kind in {"map", "scan"}
         }
 
-    def run_recording(
-        self, recording: Recording, progress: Progress | None = None
-    ) -> None:
+    def run_recording(self, recording: Recording, progress: Progress | None = None) -> None:
         """Run every step over a recording, reading it once.
 
         ``progress``: called after each block, and after each of the fits that follow.
@@ -199,9 +197,7 @@ class Engine:
             warn(msg, UwtrackWarning, stacklevel=3)
         self.graph = self.graph.without(too_long)
         left = {node.step.name for node in self.graph.nodes}
-        self._streams = {
-            name: node for name, node in self._streams.items() if name in left
-        }
+        self._streams = {name: node for name, node in self._streams.items() if name in left}
 
     def push(self, origin: str | None, block: Container, step: Step | None) -> None:
         """Push a block through all that follows from it.
@@ -274,9 +270,7 @@ class Engine:
         for wanted in step.stage.inputs:
             names = node.sources.get(wanted.name, ())
             found = [
-                self._revised[name]
-                if name in self._revised
-                else self._sink.read(by_name[name])
+                self._revised[name] if name in self._revised else self._sink.read(by_name[name])
                 for name in names
             ]
             if not names:
@@ -357,9 +351,7 @@ def _share_of(progress: Progress | None, duration_s: float) -> Progress | None:
     """Return the progress of what follows when the sound has passed by."""
     if progress is None:
         return None
-    return lambda done: progress(
-        duration_s * (STREAM_SHARE + (1 - STREAM_SHARE) * done)
-    )
+    return lambda done: progress(duration_s * (STREAM_SHARE + (1 - STREAM_SHARE) * done))
 
 
 def context_of(recording: Recording) -> list[Container]:
@@ -430,8 +422,7 @@ class SharedSound:
         self._is_over = False
         self._rates = {factor: _Rate(factor) for factor in factors}
         self.readers = [
-            SharedReader(self, self._rates[factor], number)
-            for number, factor in enumerate(factors)
+            SharedReader(self, self._rates[factor], number) for number, factor in enumerate(factors)
         ]
         """A reader for each of them."""
         for own in self.readers:

@@ -86,16 +86,11 @@ def run_jobs(
             yield number, run_job(job, partial(progress, number))
         return
     if scheduler is None:
-        yield from run_in_processes(
-            looked_over(numbered), min(n_workers, len(numbered)), progress
-        )
+        yield from run_in_processes(looked_over(numbered), min(n_workers, len(numbered)), progress)
         return
     for number in [n for n, job in numbered.items() if _is_refused(job)]:
         yield number, run_job(numbered.pop(number))
-    sent = {
-        number: replace(job, may_repeat=not job.overwrite)
-        for number, job in numbered.items()
-    }
+    sent = {number: replace(job, may_repeat=not job.overwrite) for number, job in numbered.items()}
     yield from _on_cluster(sent, scheduler)
 
 
@@ -164,9 +159,7 @@ class Worker:
 
 
 def run_in_processes(
-    jobs: Iterable[tuple[int, Job]],
-    n_workers: int,
-    progress: JobProgress = _nothing,
+    jobs: Iterable[tuple[int, Job]], n_workers: int, progress: JobProgress = _nothing
 ) -> Iterator[tuple[int, Outcome]]:
     """Run jobs in local processes and yield their outcomes as they are ready.
 
@@ -252,9 +245,7 @@ def _lost(worker: Worker, job: Job) -> Outcome:
 
 
 def _failed(job: Job, message: str) -> Outcome:
-    return Outcome(
-        str(job.sources[0]), str(job.target), FAILED, message, len(job.sources)
-    )
+    return Outcome(str(job.sources[0]), str(job.target), FAILED, message, len(job.sources))
 
 
 def _end(workers: Sequence[Worker]) -> None:
@@ -334,9 +325,7 @@ def _send_again(lost: Any) -> None:
 
     What else goes wrong while a process ends is not worth a word.
     """
-    number = {KeyboardInterrupt: signal.SIGINT, SystemExit: signal.SIGTERM}.get(
-        lost.exc_type
-    )
+    number = {KeyboardInterrupt: signal.SIGINT, SystemExit: signal.SIGTERM}.get(lost.exc_type)
     if number is not None:  # from another thread: here it would be lost again
         threading.Timer(0.05, os.kill, [os.getpid(), number]).start()
 

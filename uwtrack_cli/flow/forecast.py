@@ -50,8 +50,7 @@ def forecast_tracks(
         A file is wrong, or the tracks cannot be compared.
     """
     own, target = (
-        _track(path, name)
-        for path, name in zip(paths, names or (None, None), strict=True)
+        _track(path, name) for path, name in zip(paths, names or (None, None), strict=True)
     )
     found = forecast_contact(
         own, target, rest_frequencies_hz=rest_frequencies_hz, every_s=every_s,

@@ -13,12 +13,7 @@ from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.files.hdf5.product import HistoryStep
-from uwtrack_cli.flow.products import (
-    Held,
-    history_of_graph,
-    source_of_recording,
-    whole_result,
-)
+from uwtrack_cli.flow.products import Held, history_of_graph, source_of_recording, whole_result
 from uwtrack_cli.flow.recipe import Recipe
 from uwtrack_cli.flow.step import Step
 
@@ -41,11 +36,7 @@ class Fusion:
         graph = self.recipe.graph()
         steps = {step.name: step for step in graph.steps()}
         node = next(n for n in graph.nodes if n.step.name == self.step.name)
-        read = {
-            graph.product_key(steps[name])
-            for names in node.sources.values()
-            for name in names
-        }
+        read = {graph.product_key(steps[name]) for names in node.sources.values() for name in names}
         left = [
             held
             for held in made
@@ -58,8 +49,7 @@ class Fusion:
         """Return how each recording was read, the steps over each, and the last."""
         graph = self.recipe.graph()
         runs = [
-            history_of_graph(graph.resolved(r), [source_of_recording(r)])
-            for r in self.recordings
+            history_of_graph(graph.resolved(r), [source_of_recording(r)]) for r in self.recordings
         ]
         readers = [step for run in runs for step in run if step.sources]
         own = self.step.name

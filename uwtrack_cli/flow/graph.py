@@ -70,10 +70,7 @@ class Graph:
 
     @classmethod
     def over_recording(
-        cls,
-        steps: Sequence[Step],
-        name: str,
-        keep: Collection[type[Container]] = (),
+        cls, steps: Sequence[Step], name: str, keep: Collection[type[Container]] = ()
     ) -> Self:
         """Join the steps of a recipe, which begin with a recording.
 
@@ -180,9 +177,7 @@ class Graph:
             return 1.0
         told = [s.name for s in self.steps() if s.stage.output is Encounters]
         beyond = [high for _, high in bands if high > highest_hz]
-        for_passages = [
-            high for _, high in _bands(self.part(told).steps()) if high > highest_hz
-        ]
+        for_passages = [high for _, high in _bands(self.part(told).steps()) if high > highest_hz]
         return min(for_passages or beyond) / highest_hz
 
     def part(self, wanted: Collection[str]) -> Self:
@@ -205,9 +200,7 @@ class Graph:
                 for key, names in node.sources.items()
             }
             needed = {i.name for i in node.step.stage.inputs if not i.is_optional}
-            lacks = any(
-                node.sources[key] and not left[key] for key in needed & set(left)
-            )
+            lacks = any(node.sources[key] and not left[key] for key in needed & set(left))
             lacks |= any(node.sources.values()) and not any(left.values())
             if lacks or node.step.name in gone:
                 gone.add(node.step.name)
@@ -308,9 +301,7 @@ def _makes(stage: Stage, kinds: Sequence[type[Container]]) -> bool:
     return stage.output in kinds or part in {kind.NAME for kind in kinds}
 
 
-def without_passing(
-    container: Container, keep: Collection[type[Container]] = ()
-) -> Container:
+def without_passing(container: Container, keep: Collection[type[Container]] = ()) -> Container:
     """Return a container without parts that only pass by.
 
     ``keep``: containers that are kept all the same.
@@ -322,10 +313,7 @@ def without_passing(
 
 
 def _joined(
-    position: int,
-    steps: Sequence[Step],
-    name: str,
-    given: Collection[type[Container]],
+    position: int, steps: Sequence[Step], name: str, given: Collection[type[Container]]
 ) -> dict[str, tuple[str, ...]]:
     """Return the steps that each parameter of a step reads."""
     step = steps[position]
@@ -344,23 +332,17 @@ def _joined(
         if not (one.is_optional or one.name in sources or from_outside):
             raise OptionError(_missing(step, steps, one, name))
     data = [one for one in wanted if not all(kind in CONTEXT for kind in one.kinds)]
-    is_fed = any(
-        one.name in sources or any(kind in given for kind in one.kinds) for one in data
-    )
+    is_fed = any(one.name in sources or any(kind in given for kind in one.kinds) for one in data)
     if data and not is_fed:
         raise OptionError(_missing(step, steps, data[0], name))
     return sources
 
 
-def _as_written(
-    step: Step, steps: Sequence[Step], name: str
-) -> dict[str, tuple[str, ...]]:
+def _as_written(step: Step, steps: Sequence[Step], name: str) -> dict[str, tuple[str, ...]]:
     """Share the named inputs out to the parameters; each one must find its place."""
     known = {other.name: other for other in steps}
     names = step.inputs or ()
-    refuse_unknown(
-        dict.fromkeys(names), known, f"the input of [{step.name}] of {name}", "step"
-    )
+    refuse_unknown(dict.fromkeys(names), known, f"the input of [{step.name}] of {name}", "step")
     sources: dict[str, tuple[str, ...]] = {}
     for source in names:
         made = known[source].stage.output
@@ -384,8 +366,7 @@ def _missing(step: Step, steps: Sequence[Step], one: Input, name: str) -> str:
     makers = [s for s in STAGES if _makes(find_stage(s), one.kinds)]
     later = [s.name for s in steps if _makes(s.stage, one.kinds) and s is not step]
     remedy = (
-        f"[{later[0]}] makes it: move it before [{step.name}], or name it with "
-        f"input = {later[0]!r}"
+        f"[{later[0]}] makes it: move it before [{step.name}], or name it with input = {later[0]!r}"
         if later
         else f"add a step before it: {' or '.join(f'[{m}]' for m in makers)}"
         if makers
@@ -397,9 +378,8 @@ def _missing(step: Step, steps: Sequence[Step], one: Input, name: str) -> str:
 def _in_order(nodes: Mapping[str, Node], name: str) -> tuple[Node, ...]:
     """Sort the nodes so that each follows what it reads; keep the written order else."""
     sorter = TopologicalSorter(
-        {key: [s for names in node.sources.values() for s in names]
-         for key, node in nodes.items()}
-    )  # fmt: skip
+        {key: [s for names in node.sources.values() for s in names] for key, node in nodes.items()}
+    )
     try:
         sorter.prepare()
     except CycleError as error:
@@ -417,9 +397,7 @@ def _in_order(nodes: Mapping[str, Node], name: str) -> tuple[Node, ...]:
     return tuple(ordered)
 
 
-def _outputs(
-    nodes: Sequence[Node], keep: Collection[type[Container]]
-) -> frozenset[str]:
+def _outputs(nodes: Sequence[Node], keep: Collection[type[Container]]) -> frozenset[str]:
     """Return what is kept: all that is small, is marked, or that a whole stage reads.
 
     A table that a whole stage makes again, better, is not: there is one answer.
@@ -466,8 +444,7 @@ def _refuse_idle(nodes: Sequence[Node], outputs: frozenset[str], name: str) -> N
         others = [
             n.step.name
             for n in nodes
-            if n.step is not step
-            and any(_makes(step.stage, i.kinds) for i in n.step.stage.inputs)
+            if n.step is not step and any(_makes(step.stage, i.kinds) for i in n.step.stage.inputs)
         ]
         could = f"name it as input of [{others[-1]}], " if others else ""
         msg = (

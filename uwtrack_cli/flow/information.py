@@ -96,9 +96,7 @@ def folder_lines(folder: Path) -> Iterator[str]:
     yield from describe_recorders(found, {})
 
 
-def _sound_lines(
-    recording: Recording, in_file: SoundFacts | None = None
-) -> Iterator[str]:
+def _sound_lines(recording: Recording, in_file: SoundFacts | None = None) -> Iterator[str]:
     """Yield what sound there is; ``in_file``: what its file holds, where it is read."""
     n_read = recording.n_channels
     rate_hz, n_channels = recording.sample_rate_hz, n_read
@@ -154,16 +152,12 @@ def _gaps(product: Product) -> str:
         ends = files.start_sample + files.n_samples
         gaps_s = (files.start_sample[1:] - ends[:-1]) / rate_hz
         gaps_s = gaps_s[gaps_s > 0.0]
-        between = f"{gaps_s.size} of {gaps_s.sum():.1f} s together" if gaps_s.size else (
-            "none"
-        )  # fmt: skip
+        between = f"{gaps_s.size} of {gaps_s.sum():.1f} s together" if gaps_s.size else ("none")
         return f"{between}, between {files.name.size} files"
     for levels in product.read_all(Levels):
         empty = levels.frames.valid_fraction == 0.0
         begins = np.count_nonzero(empty[1:] & ~empty[:-1]) + bool(empty[:1].any())
-        hop_s = (
-            float(np.median(np.diff(levels.frames.time_s))) if empty.size > 1 else 0.0
-        )
+        hop_s = float(np.median(np.diff(levels.frames.time_s))) if empty.size > 1 else 0.0
         if begins:
             return f"{begins} of {np.count_nonzero(empty) * hop_s:.1f} s together"
         return "none"
@@ -173,9 +167,7 @@ def _gaps(product: Product) -> str:
 def _passages(found: Sequence[Encounters], product: Product) -> str:
     if not any(key.name == Encounters.NAME for key in product.paths):
         return "not sought"
-    counts = Counter(
-        str(status) for encounters in found for status in encounters.status
-    )
+    counts = Counter(str(status) for encounters in found for status in encounters.status)
     each = ", ".join(f"{n} {status}" for status, n in counts.most_common())
     return f"{counts.total()} ({each})" if counts else "0"
 

@@ -101,9 +101,7 @@ class ToldPassage(NamedTuple):
     is_final: bool = False
     """Whether later sound cannot change it."""
 
-    def rests(
-        self, span: "HeardSpan", now_s: float, last_s: float, from_s: float
-    ) -> bool:
+    def rests(self, span: "HeardSpan", now_s: float, last_s: float, from_s: float) -> bool:
         """Tell whether a span that it explains is not worth a look now.
 
         ``now_s``: where the sound ends, s. ``last_s``: where it ended when this segment
@@ -184,9 +182,7 @@ def _of_lines(lines: Lines) -> list[HeardSpan]:
         own = lines.line == line
         begin_s, end_s = float(lines.time_s[own].min()), float(lines.time_s[own].max())
         frequency_hz = float(np.median(lines.frequency_hz[own]))
-        found.append(
-            HeardSpan(begin_s, end_s if line in passing else begin_s, frequency_hz)
-        )
+        found.append(HeardSpan(begin_s, end_s if line in passing else begin_s, frequency_hz))
     return found
 
 

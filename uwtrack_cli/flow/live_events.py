@@ -35,12 +35,7 @@ from uwtrack_cli.files.tables.json_rows import json_rows, plain
 from uwtrack_cli.files.utc import format_utc
 from uwtrack_cli.flow.engine import Engine, MemorySink, OpenScan, context_of
 from uwtrack_cli.flow.graph import Graph
-from uwtrack_cli.flow.live_activity import (
-    ALWAYS,
-    ToldPassage,
-    is_worth_a_look,
-    spans_of,
-)
+from uwtrack_cli.flow.live_activity import ALWAYS, ToldPassage, is_worth_a_look, spans_of
 from uwtrack_cli.flow.live_presence import LivePresence, with_told_encounter
 from uwtrack_cli.flow.step import Step
 from uwtrack_cli.motion.association import PassageReport, same_vessel
@@ -90,8 +85,7 @@ class LiveWatch:
         self._whole = [
             node.step
             for node in graph.nodes
-            if node.step.name in graph.outputs
-            and node.step.stage.output in (Encounters, Presence)
+            if node.step.name in graph.outputs and node.step.stage.output in (Encounters, Presence)
         ]
         self._graph = graph.part([step.name for step in self._whole])
         self._open: dict[str, tuple[Step, OpenScan]] = {}
@@ -201,8 +195,7 @@ class LiveWatch:
     def _known_so_far(self, segment_s: float) -> dict[str, Container] | None:
         """Return what the scans know of the last segment; None if none knows any."""
         made = {
-            name: scan.so_far(self._now_s - segment_s)
-            for name, (_, scan) in self._open.items()
+            name: scan.so_far(self._now_s - segment_s) for name, (_, scan) in self._open.items()
         }
         known = {name: one for name, one in made.items() if one is not None}
         return known or ({} if self._rings or self._results else None)
@@ -216,8 +209,7 @@ class LiveWatch:
         graph = self._graph.without(late)  # long frames come later than short ones
         engine = Engine(graph, context_of(self._recording), sink)
         start_s = max(
-            (s for s, _ in map(_span, known.values()) if np.isfinite(s)),
-            default=self._now_s,
+            (s for s, _ in map(_span, known.values()) if np.isfinite(s)), default=self._now_s
         )
         try:
             with warnings.catch_warnings():
@@ -379,9 +371,7 @@ class _Passages:
 
     def _tell(self, passage: _Passage) -> None:
         row = {**passage.row, "contact": passage.contact}
-        self._say(
-            "encounter", row["time_s"], row, passage.revision, is_final=passage.is_final
-        )
+        self._say("encounter", row["time_s"], row, passage.revision, is_final=passage.is_final)
 
 
 def _rows_of(found: Sequence[Container], kind: type[Container]) -> list[Event]:
@@ -426,9 +416,7 @@ def _nearest(row: Event, known: Sequence[_Passage]) -> _Passage | None:
 def _paired(rows: Sequence[Event], known: Sequence[_Passage]) -> dict[int, Event]:
     """Pair rows with passages one to one, the likeliest first."""
     likely = sorted(
-        (-_log_odds(row, p.row), k, n)
-        for n, row in enumerate(rows)
-        for k, p in enumerate(known)
+        (-_log_odds(row, p.row), k, n) for n, row in enumerate(rows) for k, p in enumerate(known)
     )
     found: dict[int, Event] = {}
     taken: set[int] = set()

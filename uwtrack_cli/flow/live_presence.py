@@ -76,9 +76,7 @@ class _Told:
     def withdraw(self) -> None:
         """Tell it as something that is not known."""
         reasons = {**self.row["reasons"], "encounter": NOT_CONFIRMED}
-        self.row = {
-            **self.row, "kind": UNKNOWN, "encounter": None, "reasons": reasons
-        }  # fmt: skip
+        self.row = {**self.row, "kind": UNKNOWN, "encounter": None, "reasons": reasons}
         self.is_withdrawn = True
 
 
@@ -93,9 +91,7 @@ class LivePresence:
         self._say = say
         self._known: list[_Told] = []
 
-    def see(
-        self, rows: Sequence[Event], span_s: tuple[float, float], segment_s: float
-    ) -> None:
+    def see(self, rows: Sequence[Event], span_s: tuple[float, float], segment_s: float) -> None:
         """Take the rows of a look.
 
         ``rows``: rows of its presence, their closest approaches named as they were
@@ -172,9 +168,7 @@ class LivePresence:
     def _tell(self, told: _Told) -> None:
         facts = {**told.row, "segment": told.number}
         del facts["contact"]  # a tracker's number, which another look does not know
-        self._say(
-            "presence", facts["from_s"], facts, told.revision, is_final=told.is_final
-        )
+        self._say("presence", facts["from_s"], facts, told.revision, is_final=told.is_final)
 
 
 def with_told_encounter(row: Event, contacts: Mapping[int, int]) -> Event:
@@ -227,10 +221,7 @@ def _is_news(row: Event, said: Event) -> bool:
             return True
         if new is not None and abs(new / old - 1.0) > SAME_SPACING:
             return True
-    for key in ("frequencies_hz", "rates_hz"):
-        if len(row[key]) >= 1.5 * len(said[key]) + 1:
-            return True
-    return False
+    return any(len(row[key]) >= 1.5 * len(said[key]) + 1 for key in ("frequencies_hz", "rates_hz"))
 
 
 def _are_one(row: Event, other: Event) -> bool:

@@ -35,13 +35,7 @@ from uwtrack_cli.files.tables.json_rows import json_rows
 from uwtrack_cli.files.utc import parse_utc
 from uwtrack_cli.flow.recorder_folder import OwnSpan, distinct_passages
 from uwtrack_cli.flow.scoring.encounter_scores import SCORED
-from uwtrack_cli.flow.sound_hours import (
-    SoundSpan,
-    each_once,
-    hours_per_day,
-    sound_of,
-    total_h,
-)
+from uwtrack_cli.flow.sound_hours import SoundSpan, each_once, hours_per_day, sound_of, total_h
 from uwtrack_cli.flow.vessel_names import WITHIN_M, AisVessels, read_vessels
 
 Group = Literal["day", "month", "vessel", "sensor"]
@@ -252,8 +246,7 @@ def collect_passages(
     for row in table.passages:
         own = levels.get((row.file, row.sensor, row.contact), [])
         table.levels += (
-            replace(level, vessel=row.vessel, mmsi=row.mmsi, time_utc=row.time_utc)
-            for level in own
+            replace(level, vessel=row.vessel, mmsi=row.mmsi, time_utc=row.time_utc) for level in own
         )
     return table
 
@@ -282,11 +275,10 @@ def count_passages(table: PassageTable, per: Group) -> list[dict[str, Any]]:
             per: name,
             "passages": counts[name],
             "hours": round(hours.get(name, 0.0), 3),
-            "passages_per_hour": round(counts[name] / hours[name], 3)
-            if hours.get(name) else None,
+            "passages_per_hour": round(counts[name] / hours[name], 3) if hours.get(name) else None,
         }
         for name in order
-    ]  # fmt: skip
+    ]
 
 
 def _hours(sound: Sequence[SoundSpan], per: Group) -> dict[str, float]:
@@ -318,9 +310,7 @@ def _read_results(
     which it would have to read again.
     """
     if vessels is None:
-        for path, raw in zip(
-            paths, read_many(f"{__name__}:values_of", paths), strict=True
-        ):
+        for path, raw in zip(paths, read_many(f"{__name__}:values_of", paths), strict=True):
             is_wrong = isinstance(raw, DataError)
             yield raw if is_wrong else _from_json(raw, path)
         return
@@ -449,8 +439,7 @@ def _last_views(results: Sequence[Result]) -> Iterator[Result]:
         key = result.recordings or (result.path,)
         known = last.get(key)
         better = known is None or (
-            (bool(result.passages), result.created_utc)
-            >= (bool(known.passages), known.created_utc)
+            (bool(result.passages), result.created_utc) >= (bool(known.passages), known.created_utc)
         )
         if better:
             last[key] = result
@@ -459,10 +448,7 @@ def _last_views(results: Sequence[Result]) -> Iterator[Result]:
 
 def _once(results: Sequence[Result]) -> list[list[PassageRow]]:
     """Return the passages of results; those in two parts of a recording stand once."""
-    owns = [
-        None if r.own_ns is None else OwnSpan(*r.own_ns, frozenset(r.files))
-        for r in results
-    ]
+    owns = [None if r.own_ns is None else OwnSpan(*r.own_ns, frozenset(r.files)) for r in results]
     return distinct_passages([r.passages for r in results], owns, _time_of)
 
 
@@ -551,9 +537,7 @@ class _Cache:
                     "CREATE TABLE IF NOT EXISTS results"
                     " (path BLOB PRIMARY KEY, stamp TEXT, result TEXT)"
                 )
-                database.executemany(
-                    "INSERT OR REPLACE INTO results VALUES (?, ?, ?)", self._new
-                )
+                database.executemany("INSERT OR REPLACE INTO results VALUES (?, ?, ?)", self._new)
                 self._new = []
 
 

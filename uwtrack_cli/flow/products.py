@@ -22,13 +22,7 @@ from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import Overview, Spectrogram
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, sensor_of
-from uwtrack_cli.files.hdf5.product import (
-    ContainerKey,
-    HistoryStep,
-    Product,
-    ProductWriter,
-    Source,
-)
+from uwtrack_cli.files.hdf5.product import ContainerKey, HistoryStep, Product, ProductWriter, Source
 from uwtrack_cli.files.tables.series import sensor_of_rows
 from uwtrack_cli.files.text_escaping import file_name
 from uwtrack_cli.flow.branches import (
@@ -160,15 +154,11 @@ def run_into_product(  # noqa: PLR0913 (what a run may be given)
         writer.write(files)
     for beside in (recording, recording.sensor, *lock_of(recording)):
         writer.write(beside)
-    writer.history = history_of_graph(
-        graph, sources or [source_of_recording(recording)]
-    )
+    writer.history = history_of_graph(graph, sources or [source_of_recording(recording)])
     small = [s for s in graph.steps() if s.name in graph.outputs]
     small = [s for s in small if s.stage.output not in PASSING]
     found = [
-        (step, one)
-        for step in small
-        for one in ([sink.read(step)] if whole else sink.ends(step))
+        (step, one) for step in small for one in ([sink.read(step)] if whole else sink.ends(step))
     ]
     if watch is not None:
         watch.finish([one for _, one in found])
@@ -177,10 +167,7 @@ def run_into_product(  # noqa: PLR0913 (what a run may be given)
 
 
 def source_into_product(
-    steps: Sequence[Step],
-    recording: Recording,
-    writer: ProductWriter,
-    progress: Progress,
+    steps: Sequence[Step], recording: Recording, writer: ProductWriter, progress: Progress
 ) -> None:
     """Run a source stage over a recording; a spectrogram gets its overview, too.
 
@@ -234,9 +221,7 @@ def stream_into_product(
     return last
 
 
-def whole_result(
-    step: Step, available: Sequence[Held], products: Sequence[Product]
-) -> list[Held]:
+def whole_result(step: Step, available: Sequence[Held], products: Sequence[Product]) -> list[Held]:
     """Apply a whole stage; return the containers carried forward, then its result.
 
     A stage that takes lists sees all sensors at once; any other one is applied to
@@ -337,9 +322,7 @@ def _apply(step: Step, given: Sequence[Container]) -> Container:
 
 
 def small_containers(
-    product: Product,
-    branch: str | None = None,
-    keys: Sequence[ContainerKey] | None = None,
+    product: Product, branch: str | None = None, keys: Sequence[ContainerKey] | None = None
 ) -> Iterator[Held]:
     """Read what later files carry: everything that does not only pass by.
 
@@ -366,10 +349,7 @@ def history_of_graph(graph: Graph, sources: Sequence[Source]) -> list[HistorySte
 
 
 def extended_history(
-    products: Sequence[Product],
-    step: Step,
-    sources: Sequence[Source],
-    branch: str | None = None,
+    products: Sequence[Product], step: Step, sources: Sequence[Source], branch: str | None = None
 ) -> list[HistoryStep]:
     """Return the histories of several products, extended by a step that read them.
 
@@ -388,17 +368,13 @@ def extended_history(
         for wanted in step.stage.inputs:
             there = [k.NAME for k in wanted.kinds if k.NAME in {h.name for h in held}]
             read = [k for k in held if k.name in there[:1]]  # the first kind that fits
-            inputs += [
-                names[made] for k in read if (made := maker(product, k)) in names
-            ]
+            inputs += [names[made] for k in read if (made := maker(product, k)) in names]
     name = free_name(step.name, {past.step_name for past in before})
     inputs = sorted(set(inputs), key=[past.step_name for past in before].index)
     return [*before, history_step(replace(step, name=name), inputs, sources)]
 
 
-def _renamed(
-    history: Sequence[HistoryStep], taken: Sequence[HistoryStep]
-) -> list[HistoryStep]:
+def _renamed(history: Sequence[HistoryStep], taken: Sequence[HistoryStep]) -> list[HistoryStep]:
     """Return a history whose names do not mean other steps of another history."""
     known = {past.step_name: past for past in taken}
     names: dict[str, str] = {}
@@ -419,13 +395,9 @@ def free_name(name: str, taken: Collection[str]) -> str:
     return next(one for one in numbered if one not in taken)
 
 
-def history_step(
-    step: Step, inputs: Sequence[str], sources: Sequence[Source]
-) -> HistoryStep:
+def history_step(step: Step, inputs: Sequence[str], sources: Sequence[Source]) -> HistoryStep:
     """Return what history says of a step that was run: what it read, and how."""
-    return HistoryStep.now(
-        step.stage_name, step.values(), sources, name=step.name, inputs=inputs
-    )
+    return HistoryStep.now(step.stage_name, step.values(), sources, name=step.name, inputs=inputs)
 
 
 def _distinct(available: Sequence[Held]) -> list[Held]:
@@ -444,9 +416,7 @@ def _by_sensor(
     """Group what belongs to one sensor; what has no sensor goes to every group."""
     common = [c for c in containers if sensor_of(c) is None]
     sensors = list(
-        dict.fromkeys(
-            sensor_of(c) for c in containers if isinstance(c, wanted) and sensor_of(c)
-        )
+        dict.fromkeys(sensor_of(c) for c in containers if isinstance(c, wanted) and sensor_of(c))
     )
     for sensor in sensors or [None]:
         own = [c for c in containers if sensor is not None and sensor_of(c) == sensor]

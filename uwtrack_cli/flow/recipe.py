@@ -165,10 +165,7 @@ def _step(name: str, table: Any) -> Step:
         msg = f"a recipe holds one table per step ({names}), not {name} = {table!r}."
         raise OptionError(msg)
     if not _STEP_NAME.fullmatch(name):
-        msg = (
-            f"{name!r} is no name of a step: letters, digits, - and _ are accepted, "
-            f"64 at most."
-        )
+        msg = f"{name!r} is no name of a step: letters, digits, - and _ are accepted, 64 at most."
         raise OptionError(msg)
     options = dict(table)
     stage_name = convert(f"{name}.stage", str, options.pop("stage", name))

@@ -148,11 +148,7 @@ def plan_parts(spans: Sequence[Span], joining: Joining) -> list[Part]:
         return [Part(group) for group in groups]
     if joining.per == "day":  # a gap does not part a day
         groups = group_spans(spans, math.inf, joining.slack_s)
-    return [
-        part
-        for group in groups
-        for part in _cut(spans, group, joining.per, joining.overlap_s)
-    ]
+    return [part for group in groups for part in _cut(spans, group, joining.per, joining.overlap_s)]
 
 
 def remarks(
@@ -262,8 +258,7 @@ def _twin(new: _Counted[T], others: Sequence[_Counted[T]]) -> _Counted[T] | None
     def log_odds(other: _Counted[T]) -> float:
         apart_s = (other.time_ns - new.time_ns) / NANOSECONDS
         return same_vessel(
-            PassageReport(apart_s, other.time_std_s),
-            PassageReport(0.0, new.time_std_s),
+            PassageReport(apart_s, other.time_std_s), PassageReport(0.0, new.time_std_s)
         )
 
     best = max(others, key=log_odds, default=None)
@@ -304,18 +299,13 @@ def _cut(
         inside = [n for n in group if _meets(spans[n], begin, end)]
         if not inside:
             continue
-        read = [
-            n for n in group if _meets(spans[n], begin - overlap_ns, end + overlap_ns)
-        ]
-        own = (begin - (DAY_NS if k == 0 else 0),
-               end + (DAY_NS if k == len(cuts) - 1 else 0))  # fmt: skip
+        read = [n for n in group if _meets(spans[n], begin - overlap_ns, end + overlap_ns)]
+        own = (begin - (DAY_NS if k == 0 else 0), end + (DAY_NS if k == len(cuts) - 1 else 0))
         label = format_utc(begin)[:10] if per == "day" else ""
         yield Part(tuple(read), own, inside[0], label)
 
 
-def _cuts(
-    spans: Sequence[Span], group: tuple[int, ...], per: Cut
-) -> list[tuple[int, int]]:
+def _cuts(spans: Sequence[Span], group: tuple[int, ...], per: Cut) -> list[tuple[int, int]]:
     starts = [spans[n].start_utc_ns for n in group]
     last = max(spans[n].end_utc_ns for n in group)
     if per == "day":

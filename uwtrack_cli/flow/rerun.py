@@ -15,13 +15,7 @@ from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import RecordedFiles
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.layout import sensor_of
-from uwtrack_cli.files.hdf5.product import (
-    HistoryStep,
-    Product,
-    ProductWriter,
-    Source,
-    read_product,
-)
+from uwtrack_cli.files.hdf5.product import HistoryStep, Product, ProductWriter, Source, read_product
 from uwtrack_cli.flow.branches import maker
 from uwtrack_cli.flow.catalogue import find_stage
 from uwtrack_cli.flow.comparison import is_streamed
@@ -77,18 +71,12 @@ def rerun_product(
         }
         history = [
             HistoryStep.now(
-                past.stage,
-                past.options,
-                past.sources,
-                name=past.step_name,
-                inputs=past.inputs,
+                past.stage, past.options, past.sources, name=past.step_name, inputs=past.inputs
             )
             for past in product.history
         ]
     inputs = [path, *finder.found]
-    with ProductWriter(
-        target, history=history, overwrite=overwrite, inputs=inputs
-    ) as writer:
+    with ProductWriter(target, history=history, overwrite=overwrite, inputs=inputs) as writer:
         for held in made:
             found = (sensor_of(held.container), held.container.NAME)
             for key in {(*found, held.step), (*found, "")} & kept.keys():
@@ -136,8 +124,7 @@ def _by_recording(
         read = (origin.get(name, set()) for name in step.inputs or ())
         origin[step.name] = set().union(*read)
     return tuple(
-        tuple(step for step in steps if origin[step.name] == {row})
-        for row in range(len(readers))
+        tuple(step for step in steps if origin[step.name] == {row}) for row in range(len(readers))
     )
 
 
@@ -178,10 +165,7 @@ def _run(product: Product, plan: Plan, finder: SourceFinder) -> list[Held]:
         kept = [step for step in graph.steps() if step.name in graph.outputs]
         if plan.is_of_products:
             kept = _as_held(product, kept)
-        made += [
-            Held(without_passing(sink.read(step), kept_kinds), step.name)
-            for step in kept
-        ]
+        made += [Held(without_passing(sink.read(step), kept_kinds), step.name) for step in kept]
     if plan.is_of_products:
         named = {key.step for key in product.paths}
         made = [one if one.step in named else one._replace(step="") for one in made]
@@ -214,11 +198,7 @@ def _as_held(product: Product, steps: Sequence[Step]) -> list[Step]:
     """
     named = {key.step for key in product.paths}
     last = {step.stage.output: step.name for step in steps}
-    return [
-        step
-        for step in steps
-        if step.name in named or last[step.stage.output] == step.name
-    ]
+    return [step for step in steps if step.name in named or last[step.stage.output] == step.name]
 
 
 def _vessels(product: Product, finder: SourceFinder) -> AisVessels | None:

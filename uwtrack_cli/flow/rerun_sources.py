@@ -80,9 +80,7 @@ def reopen(
     """
     paths = [finder.find(source) for source in step.sources]
     stored = _stored(product, step)
-    joined = [
-        f for f in product.read_all(RecordedFiles) if f.sensor == stored.sensor.id
-    ]
+    joined = [f for f in product.read_all(RecordedFiles) if f.sensor == stored.sensor.id]
     if len(paths) == 1 and not joined:
         return _reopen_one(paths[0], stored), []
     files = product.read(RecordedFiles, stored.sensor.id)
@@ -92,19 +90,10 @@ def reopen(
     opened = [
         _reopen_one(
             path,
-            replace(
-                stored,
-                n_samples=int(n),
-                start_utc_ns=int(start),
-                first_sample=int(first),
-            ),
+            replace(stored, n_samples=int(n), start_utc_ns=int(start), first_sample=int(first)),
         )
         for path, n, start, first in zip(
-            paths,
-            files.n_samples,
-            files.start_utc_ns,
-            _first_samples(files),
-            strict=True,
+            paths, files.n_samples, files.start_utc_ns, _first_samples(files), strict=True
         )
     ]
     slack_s = _slack_s(files, stored.sample_rate_hz)
@@ -134,9 +123,7 @@ def with_sound(stored: Recording, products: Sequence[Product]) -> Recording:
     return stored
 
 
-def read_tables(
-    history: Sequence[HistoryStep], finder: SourceFinder
-) -> list[Container]:
+def read_tables(history: Sequence[HistoryStep], finder: SourceFinder) -> list[Container]:
     """Read the tables that the steps of a history read."""
     tables: list[Container] = []
     for step in history:

@@ -23,12 +23,7 @@ from uwtrack_cli.data.spectra import MODULATION, Overview
 from uwtrack_cli.errors import DataError, OptionError, UwtrackNote
 from uwtrack_cli.files.hdf5.container_keys import ContainerHolder
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, container_class
-from uwtrack_cli.files.hdf5.product import (
-    ContainerKey,
-    HistoryStep,
-    ProductWriter,
-    read_product,
-)
+from uwtrack_cli.files.hdf5.product import ContainerKey, HistoryStep, ProductWriter, read_product
 from uwtrack_cli.files.tables.dataframes import to_pandas, to_xarray
 from uwtrack_cli.files.tables.json_rows import json_rows
 from uwtrack_cli.files.tables.summaries import SUMMARIES, summary_of
@@ -164,12 +159,10 @@ class Results(ContainerHolder, Mapping[str, Container]):
             There is no such option, or it is not accepted.
         """
         shown = [
-            replace(c, reader=self.sound.get(c.sensor.id)) if isinstance(c, Recording)
-            else c
+            replace(c, reader=self.sound.get(c.sensor.id)) if isinstance(c, Recording) else c
             for key, c in self.tables.items()
-            if key in self.usual
-            or (isinstance(c, Overview) and c.reference == MODULATION)
-        ]  # fmt: skip
+            if key in self.usual or (isinstance(c, Overview) and c.reference == MODULATION)
+        ]
         try:  # as pandas finds what draws its tables: this room knows no pictures
             pages = import_module("uwtrack_cli.plotting.page")
         except ImportError as error:
@@ -318,9 +311,8 @@ def run(
             target = Path(output)
         with ProductWriter(target, overwrite=overwrite, inputs=[path]) as writer:
             run_into_product(
-                recording, chosen.with_settings(settings), writer,
-                keep=kinds, progress=progress,
-            )  # fmt: skip
+                recording, chosen.with_settings(settings), writer, keep=kinds, progress=progress
+            )
         found = _read_all(target, path.name if output is None else str(output))
     return replace(found, sound={recording.sensor.id: recording.reader})
 

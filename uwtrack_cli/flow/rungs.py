@@ -25,11 +25,7 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import Overview
 from uwtrack_cli.errors import OptionError, UwtrackWarning
 from uwtrack_cli.files.hdf5.layout import CONTAINERS
-from uwtrack_cli.files.hdf5.product import (
-    ContainerKey,
-    Product,
-    ProductWriter,
-)
+from uwtrack_cli.files.hdf5.product import ContainerKey, Product, ProductWriter
 from uwtrack_cli.flow.branches import maker, rung_windows_s
 from uwtrack_cli.flow.catalogue import find_stage
 from uwtrack_cli.flow.comparison import is_streamed
@@ -112,9 +108,7 @@ def rung_steps(steps: Sequence[Step], recording: Recording) -> list[Step]:
     for step, name in zip(kept, names, strict=True):
         picture = simple_step(Overview.NAME)
         if name != names[len(names) // 2]:
-            picture = replace(
-                picture, name=f"{picture.name}-{rung_label(_window_s(step))}"
-            )
+            picture = replace(picture, name=f"{picture.name}-{rung_label(_window_s(step))}")
         made.append(replace(step, name=name, is_output=True))
         made.append(replace(picture, inputs=(name,), is_output=True))
     return made
@@ -139,9 +133,7 @@ def _fits(step: Step, recording: Recording) -> bool:
     return False
 
 
-def rungs_of(
-    product: Product, step: Step, branch: str | None
-) -> dict[str | None, list[HeldRung]]:
+def rungs_of(product: Product, step: Step, branch: str | None) -> dict[str | None, list[HeldRung]]:
     """Return the rungs of a ladder that a stage takes, by sensor; none if there is none.
 
     ``branch``: step whose branch alone is read, if one is named.
@@ -228,10 +220,7 @@ def _named(
 
 
 def _joined(
-    steps: Mapping[str, Step],
-    rungs: Sequence[HeldRung],
-    product: Product,
-    done: set[str],
+    steps: Mapping[str, Step], rungs: Sequence[HeldRung], product: Product, done: set[str]
 ) -> Container:
     """Follow the lines of each rung in a file that is not kept, and join them."""
     with (

@@ -35,11 +35,7 @@ BLOCK_SAMPLES = 65536
 
 
 def write_simulation(
-    scenario: Scenario,
-    path: Path,
-    *,
-    overwrite: bool = False,
-    subtype: str = "PCM_16",
+    scenario: Scenario, path: Path, *, overwrite: bool = False, subtype: str = "PCM_16"
 ) -> tuple[Path, ...]:
     """Write every recording of a scenario, with sensor files and truth.
 
@@ -153,9 +149,7 @@ def sensor_text(sensor: Sensor, navigation_name: str = "") -> str:
         if sensor.element_positions_m is None
         else sensor.element_xyz_m.tolist(),
         "tow_offset_m": sensor.tow_offset_m,
-        "heading_source": None
-        if sensor.heading_source == "fixed"
-        else sensor.heading_source,
+        "heading_source": None if sensor.heading_source == "fixed" else sensor.heading_source,
         "sound_speed_mps": sensor.sound_speed_mps,
         "sound_speed_std_mps": sensor.sound_speed_std_mps,
         "compass_offset_deg": sensor.compass_offset_deg,
@@ -169,11 +163,7 @@ def sensor_text(sensor: Sensor, navigation_name: str = "") -> str:
         "adc_peak_v": sensor.adc_peak_v,
         "full_scale_db": sensor.full_scale_db,
     }
-    lines = [
-        f"{key} = {json.dumps(value)}"
-        for key, value in facts.items()
-        if value is not None
-    ]
+    lines = [f"{key} = {json.dumps(value)}" for key, value in facts.items() if value is not None]
     return "\n".join(lines) + "\n"
 
 

@@ -146,9 +146,7 @@ def sample_texts() -> dict[str, str]:
     return {name: told.get(name, "") for name in sample_names()}
 
 
-def copy_sample(
-    name: str, folder: Path | str, *, overwrite: bool = False
-) -> list[Path]:
+def copy_sample(name: str, folder: Path | str, *, overwrite: bool = False) -> list[Path]:
     """Copy a sample recording with all that lies beside it.
 
     Parameters
@@ -170,9 +168,7 @@ def copy_sample(
     folder = Path(folder)
     source = shipped_folder("sample_data")
     found = sorted(
-        path
-        for path in source.iterdir()
-        if path.name.startswith((f"{name}.", f"{name}-"))
+        path for path in source.iterdir() if path.name.startswith((f"{name}.", f"{name}-"))
     )
     names = sample_names()
     if not any(name == n or n.startswith(f"{name}-") for n in names):
@@ -198,13 +194,9 @@ def _missing_sound(found: Mapping[str, Path], scratch: Path) -> dict[str, Path]:
     """
     from uwtrack_cli.flow.sample_recordings import read_scenario, write_simulation
 
-    wanted = {
-        name.removesuffix(SENSOR) + SOUND for name in found if name.endswith(SENSOR)
-    }
+    wanted = {name.removesuffix(SENSOR) + SOUND for name in found if name.endswith(SENSOR)}
     missing = wanted - found.keys()
-    for scenario in (
-        shipped_folder("sample_data").glob(f"*{SCENARIO}") if missing else ()
-    ):
+    for scenario in shipped_folder("sample_data").glob(f"*{SCENARIO}") if missing else ():
         own = scenario.name.removesuffix(SCENARIO)
         if any(name.startswith((f"{own}.", f"{own}-")) for name in missing):
             write_simulation(read_scenario(scenario), scratch / f"{own}{SOUND}")

@@ -78,9 +78,7 @@ class DifarReader:
         """Begin to look for lost lock."""
         self.n_samples = 0
         self._rows: list[tuple[float, ...]] = []
-        self._lost = DisturbanceRun(
-            DisturbanceKind.LOST, "lock on the pilots is lost", 0.0
-        )
+        self._lost = DisturbanceRun(DisturbanceKind.LOST, "lock on the pilots is lost", 0.0)
         self._gaps: list[Disturbance] = []
 
     def __call__(self, block_samples: int) -> Iterator[Samples]:
@@ -189,9 +187,7 @@ class DifarReader:
                 self._rows.append((float(number), *facts, second.clock_error))
                 yield wanted
 
-    def _seconds(
-        self, parts: Iterator[Samples], first: int
-    ) -> Iterator[tuple[int, Second]]:
+    def _seconds(self, parts: Iterator[Samples], first: int) -> Iterator[tuple[int, Second]]:
         """Yield seconds of audio demultiplexed, each with its number.
 
         ``parts``: consecutive seconds of audio, from the given number on.
@@ -328,7 +324,4 @@ def _facts(sensor: Sensor) -> Mapping[str, Any]:
     """Return what a sensor says of its multiplex."""
     first, second = (sensor.multiplex or "-east,north").split(",")
     pairs = [pair.split(":") for pair in (sensor.response or "").split(",") if pair]
-    return {
-        "dipoles": (first, second),
-        "response": tuple((float(f), float(db)) for f, db in pairs),
-    }
+    return {"dipoles": (first, second), "response": tuple((float(f), float(db)) for f, db in pairs)}

@@ -18,12 +18,7 @@ from uwtrack_cli.data.options import convert
 from uwtrack_cli.data.recording import UNENDED, Recording
 from uwtrack_cli.data.sensor import Sensor, SoundSpeed
 from uwtrack_cli.errors import DataError, UwtrackNote, UwtrackWarning
-from uwtrack_cli.files.audio.live_recording import (
-    NOW,
-    RawSound,
-    live_span,
-    open_live_recording,
-)
+from uwtrack_cli.files.audio.live_recording import NOW, RawSound, live_span, open_live_recording
 from uwtrack_cli.files.audio.recording_file import open_recording, span_in
 from uwtrack_cli.files.audio.start_time import find_start_utc_ns
 from uwtrack_cli.files.checks import STANDARD_INPUT
@@ -145,9 +140,7 @@ def _as_told(recording: Recording, chosen: Mapping[str, Any]) -> Recording:
     if chosen["own_ship"] is not None:
         sensor = _with_own_ship(sensor, chosen["own_ship"])
     if chosen["sensor_sound_speed_mps"] is not None:
-        speed = convert(
-            "--sound-speed-mps", SoundSpeed, chosen["sensor_sound_speed_mps"]
-        )
+        speed = convert("--sound-speed-mps", SoundSpeed, chosen["sensor_sound_speed_mps"])
         sensor = replace(sensor, sound_speed_mps=speed)
     return replace(recording, sensor=from_true_north(sensor, recording.start_utc_ns))
 
@@ -219,12 +212,7 @@ def from_true_north(sensor: Sensor, start_utc_ns: int | None) -> Sensor:
 
 
 def open_file(
-    path: Path,
-    *,
-    sensor: Sensor | None,
-    start_s: float | None,
-    stop_s: float | None,
-    **how: Any,
+    path: Path, *, sensor: Sensor | None, start_s: float | None, stop_s: float | None, **how: Any
 ) -> Recording:
     """Open a recording; the audio of a buoy as omni, east and north.
 
@@ -242,12 +230,7 @@ def open_file(
 
 
 def open_live(
-    path: Path,
-    *,
-    sensor: Sensor | None,
-    start_s: float | None,
-    stop_s: float | None,
-    **how: Any,
+    path: Path, *, sensor: Sensor | None, start_s: float | None, stop_s: float | None, **how: Any
 ) -> Recording:
     """Open sound that is still coming; the audio of a buoy as omni, east and north.
 
@@ -256,9 +239,7 @@ def open_live(
     start_s, stop_s = _by_clock(sensor, start_s), _by_clock(sensor, stop_s)
     if sensor is None or not sensor.is_multiplexed:
         return _in_true_time(
-            open_live_recording(
-                path, sensor=sensor, start_s=start_s, stop_s=stop_s, **how
-            )
+            open_live_recording(path, sensor=sensor, start_s=start_s, stop_s=stop_s, **how)
         )
     first, last = live_span(RATE_HZ, start_s, stop_s)
     whole = demultiplex(open_live_recording(path, sensor=sensor, **how))

@@ -134,11 +134,7 @@ class Stage:
     @cached_property
     def defaults(self) -> dict[str, Any]:
         """Default of every keyword-only parameter, option groups as objects."""
-        return {
-            p.name: p.default
-            for p in self._parameters
-            if p.kind is Parameter.KEYWORD_ONLY
-        }
+        return {p.name: p.default for p in self._parameters if p.kind is Parameter.KEYWORD_ONLY}
 
     @cached_property
     def options(self) -> tuple[Option, ...]:
@@ -149,9 +145,7 @@ class Stage:
             if is_group(self._hints[name]):
                 found += _group_options(name, default)
             else:
-                found.append(
-                    Option(name, self._hints[name], default, texts.get(name, ""))
-                )
+                found.append(Option(name, self._hints[name], default, texts.get(name, "")))
         return tuple(found)
 
     @cached_property
@@ -195,14 +189,9 @@ class Stage:
         whose = step or self.name
         given = with_old_options(self.name, given)
         refuse_unknown(given, self.defaults, whose, "option")
-        return {
-            name: self._bound(f"{whose}.{name}", name, value)
-            for name, value in given.items()
-        }
+        return {name: self._bound(f"{whose}.{name}", name, value) for name, value in given.items()}
 
-    def resolve(
-        self, recording: Recording, options: Mapping[str, Any]
-    ) -> dict[str, Any]:
+    def resolve(self, recording: Recording, options: Mapping[str, Any]) -> dict[str, Any]:
         """Return the options as they are used on a recording.
 
         What a function derives from the recording (`resolved_by`) takes the place of
@@ -260,9 +249,7 @@ def plain(value: Any) -> Any:
 def parameter_texts(function: Callable[..., Any] | type) -> dict[str, str]:
     """Return the description of every parameter from a numpydoc docstring."""
     doc = getdoc(function) or ""
-    match = re.search(
-        r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n---|\Z)", doc, re.MULTILINE | re.DOTALL
-    )
+    match = re.search(r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n---|\Z)", doc, re.MULTILINE | re.DOTALL)
     texts: dict[str, str] = {}
     names: list[str] = []
     for line in (match.group(1) if match else "").splitlines():

@@ -61,10 +61,7 @@ def _suggested(
         return
     first = recordings[0][0]
     if "zoom" not in stages:
-        yield _suggestion(
-            "frames of other lengths were not used",
-            first, "--recipe auto", "auto",
-        )  # fmt: skip
+        yield _suggestion("frames of other lengths were not used", first, "--recipe auto", "auto")
     elif "trace" not in stages:
         yield _suggestion(
             "steady lines below the noise of a frame were not searched",

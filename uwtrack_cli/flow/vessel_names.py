@@ -88,10 +88,7 @@ class AisVessels:
         return f"{self.truth.name} has messages from {first} to {last} UTC"
 
     def name(
-        self,
-        encounters: Encounters,
-        sensors: Sequence[Sensor],
-        recordings: Sequence[Recording],
+        self, encounters: Encounters, sensors: Sequence[Sensor], recordings: Sequence[Recording]
     ) -> Encounters:
         """Return encounters with the names of their vessels.
 
@@ -105,9 +102,7 @@ class AisVessels:
         probability = np.full(n, np.nan)
         if n:
             recorded = RecordedSensors(sensors, recordings, encounters)
-            scores = score_encounters(
-                encounters, self.truth, recorded, within_m=self.within_m
-            )
+            scores = score_encounters(encounters, self.truth, recorded, within_m=self.within_m)
             found = {(w.sensor, w.contact): w for w in scores.identities if w.vessel}
             keys = zip(map(str, encounters.sensor), encounters.contact, strict=True)
             for row, key in enumerate(keys):
@@ -153,9 +148,7 @@ def tracks_past(
         near = heard & (np.abs(track.first - origin.latitude) < NEAR_DEG)
         places = [
             to_grid(float(latitude), float(longitude), origin)
-            for latitude, longitude in zip(
-                track.first[near], track.second[near], strict=True
-            )
+            for latitude, longitude in zip(track.first[near], track.second[near], strict=True)
         ]
         if places:
             east, north = np.array(places).T
@@ -173,9 +166,7 @@ def tracks_past(
 
 
 def revision(
-    recording: Recording,
-    files: RecordedFiles | None = None,
-    vessels: AisVessels | None = None,
+    recording: Recording, files: RecordedFiles | None = None, vessels: AisVessels | None = None
 ) -> Revision:
     """Return what is done last to the encounters of a recording.
 

@@ -28,12 +28,7 @@ from uwtrack_cli.errors import DataError, OutputError
 from uwtrack_cli.files.audio.header import sample_bytes
 from uwtrack_cli.flow.batch import FAILED, Job, Outcome, not_ours, run_job
 from uwtrack_cli.flow.batch_report import report_rows
-from uwtrack_cli.flow.batch_sources import (
-    FoundRecording,
-    find_recordings,
-    make_jobs,
-    other_source,
-)
+from uwtrack_cli.flow.batch_sources import FoundRecording, find_recordings, make_jobs, other_source
 from uwtrack_cli.flow.recipe import Recipe
 
 JOURNAL = "watch.jsonl"
@@ -221,9 +216,8 @@ def watch_folder(
         raise DataError(msg)
     output.mkdir(parents=True, exist_ok=True)
     make = partial(
-        make_jobs, folder=output, recipe=recipe, options=options,
-        resume=True, overwrite=overwrite,
-    )  # fmt: skip
+        make_jobs, folder=output, recipe=recipe, options=options, resume=True, overwrite=overwrite
+    )
     make([])  # what is wrong for all recordings ends the watch before it begins
     said: set[str] = set()
 
@@ -344,9 +338,7 @@ class _Arrivals:
         known, until_s, _ = self._later.get(path, (None, 0.0, 0.0))
         return known == stamp and time.monotonic() < until_s
 
-    def complete(
-        self, jobs: list[Job], journal: Journal
-    ) -> Iterator[tuple[Job, Stamp]]:
+    def complete(self, jobs: list[Job], journal: Journal) -> Iterator[tuple[Job, Stamp]]:
         """Yield what is complete and not done, the oldest recording first."""
         there = {job.sources[0]: job for job in jobs}
         stamps = {path: _stamp(path) for path in there}

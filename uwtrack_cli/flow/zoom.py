@@ -264,10 +264,7 @@ def _passages(part: Recording, graph: Graph) -> Encounters | None:
 
 
 def _risen(
-    found: Encounters,
-    known: Encounters,
-    rises: Transients | None,
-    levels: Levels | None,
+    found: Encounters, known: Encounters, rises: Transients | None, levels: Levels | None
 ) -> Encounters:
     """Return the passages of a segment; by the level alone, where the recording rises."""
     time_s, reach_s = known.time_s, known.range_over_speed_s
@@ -286,9 +283,7 @@ def _risen(
     return found.take("encounter", np.flatnonzero(kept))
 
 
-def _placed(
-    table: Encounters, start_s: float, stop_s: float, recording: Recording
-) -> Encounters:
+def _placed(table: Encounters, start_s: float, stop_s: float, recording: Recording) -> Encounters:
     """Return the passages that lie well inside a segment, in the recording's time."""
     shift_s = max(0.0, start_s)
     time_s = table.time_s + shift_s

@@ -17,14 +17,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.data.options import (
-    Above,
-    AtLeast,
-    AtMost,
-    Increasing,
-    Unit,
-    checked,
-)
+from uwtrack_cli.data.options import Above, AtLeast, AtMost, Increasing, Unit, checked
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.lines.families.comb_test import TOLERANCE_SIGMAS, CombRule
 from uwtrack_cli.lines.families.harmonics import Comb, CombFit, comb_fit, find_combs
@@ -59,8 +52,7 @@ def classify_peaks(
         tuple[float, float], Unit("Hz"), AtLeast(1e-3), AtMost(1e6), Increasing()
     ] = (2.0, 60.0),
     teeth: Annotated[int, AtLeast(2), AtMost(63)] = 18,
-    bearing_window_deg: Annotated[float, Unit("degree"), Above(0), AtMost(360)]
-    | None = None,
+    bearing_window_deg: Annotated[float, Unit("degree"), Above(0), AtMost(360)] | None = None,
     most_peaks: Annotated[int, AtLeast(3), AtMost(500)] = 40,
 ) -> Families:
     """Find the harmonic families in each frame.
@@ -148,11 +140,7 @@ def _usual_window_deg(deviations: FloatArray) -> float:
     return float(TOLERANCE_SIGMAS * np.sqrt(2.0) * np.median(known))
 
 
-def _table(
-    rows: list[_Row],
-    peak_family: IntArray,
-    peaks: Peaks,
-) -> Families:
+def _table(rows: list[_Row], peak_family: IntArray, peaks: Peaks) -> Families:
     number = np.array([row.family for row in rows], dtype=np.int64)
     return Families(
         family=number,

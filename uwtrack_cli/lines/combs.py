@@ -21,11 +21,7 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import Above, AtLeast, AtMost, Increasing, Unit, checked
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.lines.comb_search.comb_tracker import (
-    CombSearch,
-    CombStream,
-    CombTracker,
-)
+from uwtrack_cli.lines.comb_search.comb_tracker import CombSearch, CombStream, CombTracker
 from uwtrack_cli.lines.tracker_options import ProcessNoise
 
 _MOTION = ProcessNoise()
@@ -38,18 +34,14 @@ _WINDOW_FRAMES = (16, 512)
 def find_combs(
     blocks: Iterator[Spectrogram],
     *,
-    false_combs_per_hour: Annotated[
-        float, Unit("1/h"), AtLeast(1e-9), AtMost(1e6)
-    ] = 1.0,
+    false_combs_per_hour: Annotated[float, Unit("1/h"), AtLeast(1e-9), AtMost(1e6)] = 1.0,
     fundamental_hz: Annotated[
         tuple[float, float], Unit("Hz"), AtLeast(1e-3), AtMost(1e6), Increasing()
     ] = (0.5, 60.0),
     teeth: Annotated[int, AtLeast(3), AtMost(64)] = 32,
     search_s: Annotated[float, Unit("s"), Above(0), AtMost(36_000)] = 120.0,
     drift_ps: Annotated[float, Unit("1/s"), AtLeast(0), AtMost(1e-2)] = 5e-5,
-    band_hz: Annotated[
-        tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()
-    ]
+    band_hz: Annotated[tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()]
     | None = None,
     motion: ProcessNoise = _MOTION,
 ) -> Iterator[Lines]:

@@ -181,9 +181,7 @@ def group_lines(samples: LineSamples, family: IntArray) -> tuple[IntArray, TextA
     has_bearing = _sums(samples, np.isfinite(samples.bearing_deg)) > 0
     is_contact = ~is_hum & (is_moving | has_bearing | (size > 1))
     contact = np.zeros(label.size, dtype=np.int64)
-    _, first, number = np.unique(
-        label[is_contact], return_index=True, return_inverse=True
-    )
+    _, first, number = np.unique(label[is_contact], return_index=True, return_inverse=True)
     contact[is_contact] = np.argsort(np.argsort(first))[number] + 1
     # what one line of a contact shows, the weaker ones share
     shared = np.bincount(contact, is_moving, minlength=1)[contact] > 0
@@ -235,9 +233,7 @@ def _spread(values: FloatArray, group: IntArray, count: IntArray) -> FloatArray:
     return _ratio(_totals(square, group, count.size), count)
 
 
-def _totals(
-    values: FloatArray | BoolArray, group: IntArray, n_groups: int
-) -> FloatArray:
+def _totals(values: FloatArray | BoolArray, group: IntArray, n_groups: int) -> FloatArray:
     """Sum within each of so many groups."""
     return np.bincount(group, values, minlength=n_groups).astype(float)
 
@@ -273,9 +269,7 @@ def group(evidence: PairEvidence, n_lines: int, least: float) -> IntArray:
     return np.argsort(np.argsort(first))[inverse]
 
 
-def _unite(
-    between: dict[int, dict[int, tuple[float, float]]], one: int, two: int
-) -> None:
+def _unite(between: dict[int, dict[int, tuple[float, float]]], one: int, two: int) -> None:
     """Add to a group's sums and smallest pairs of evidence those of another group."""
     own = between[one]
     del own[two]

@@ -123,9 +123,7 @@ class LineTable:
 def no_table() -> LineTable:
     """Return the table of a block before the end."""
     none = np.zeros(0, dtype=np.int64)
-    return LineTable(
-        none, none, none, np.zeros(0, dtype="U6"), np.zeros(0), no_families()
-    )
+    return LineTable(none, none, none, np.zeros(0, dtype="U6"), np.zeros(0), no_families())
 
 
 def to_lines(
@@ -184,9 +182,7 @@ def _jumps(table: LineTable) -> dict[str, Any]:
         "jump_time_s": np.array([jump.time_s for jump in table.jumps], float),
         "jump_ratio": np.array([jump.ratio for jump in table.jumps], float),
         "jump_ratio_std": np.array([jump.ratio_std for jump in table.jumps], float),
-        "jump_line_count": np.array(
-            [len(jump.lines) for jump in table.jumps], np.int64
-        ),
+        "jump_line_count": np.array([len(jump.lines) for jump in table.jumps], np.int64),
         "jump_contact": np.array(contacts, np.int64),
     }
 

@@ -32,11 +32,7 @@ from uwtrack_cli.errors import DataError
 from uwtrack_cli.lines.contacts import CORRELATION_WINDOWS, ContactSamples, group_lines
 from uwtrack_cli.lines.line_points import N_MEASURED, LinePoints
 from uwtrack_cli.lines.rungs.best_basis import RungLines, best_basis
-from uwtrack_cli.lines.rungs.rung_links import (
-    joined_jumps,
-    joined_share,
-    numbers_of_lines,
-)
+from uwtrack_cli.lines.rungs.rung_links import joined_jumps, joined_share, numbers_of_lines
 from uwtrack_cli.lines.rungs.same_line import is_one_family
 
 SAME_OVERLAP = 0.05
@@ -93,9 +89,7 @@ def join_rungs(lines: list[Lines]) -> Lines:
 def _check(lines: Sequence[Lines]) -> None:
     """Refuse lines that cannot be joined."""
     if not lines:
-        msg = (
-            "there are no lines to join: run 'uwtrack track' or 'uwtrack trace' first."
-        )
+        msg = "there are no lines to join: run 'uwtrack track' or 'uwtrack trace' first."
         raise DataError(msg)
     for what, values in (
         ("sensors", {one.frames.sensor for one in lines}),
@@ -137,9 +131,7 @@ def _points(
         rows.append(np.flatnonzero(stays & (own > 0)))
         line.append(own[rows[-1]])
     number = np.concatenate(line)
-    time_s = np.concatenate(
-        [one.time_s[own] for one, own in zip(lines, rows, strict=True)]
-    )
+    time_s = np.concatenate([one.time_s[own] for one, own in zip(lines, rows, strict=True)])
     order = np.lexsort((time_s, number))
     columns: dict[str, Any] = {}
     for name, spec in Lines.columns().items():
@@ -148,13 +140,10 @@ def _points(
         ):
             continue
         if spec.axes[0] == "point":
-            parts = [
-                getattr(one, name)[own] for one, own in zip(lines, rows, strict=True)
-            ]
+            parts = [getattr(one, name)[own] for one, own in zip(lines, rows, strict=True)]
             columns[name] = np.concatenate(parts)[order]
     window_s = [
-        np.full(own.size, one.frames.window_s)
-        for one, own in zip(lines, rows, strict=True)
+        np.full(own.size, one.frames.window_s) for one, own in zip(lines, rows, strict=True)
     ]
     columns["window_s"] = np.concatenate(window_s)[order]
     columns["line"] = number[order]
@@ -184,15 +173,12 @@ def _with_table(
 ) -> Lines:
     """Return the points with what is known of whole lines."""
     names = np.unique(points["line"])
-    families, family = joined_families(
-        names, [one.families for one in lines], rungs, numbers
-    )
+    families, family = joined_families(names, [one.families for one in lines], rungs, numbers)
     contact, status = _contacts(names, family, points)
     measured = [one.measured_false_lines_per_khz_hour for one in lines]
     known = [rate for rate in measured if np.isfinite(rate)]
     keenest = min(
-        lines,
-        key=lambda one: one.weakest_line_snr_db - 10 * np.log10(one.frames.window_s),
+        lines, key=lambda one: one.weakest_line_snr_db - 10 * np.log10(one.frames.window_s)
     )
     return Lines(
         frames=shortest.frames,
@@ -211,9 +197,7 @@ def _with_table(
     )
 
 
-def _contacts(
-    names: IntArray, family: IntArray, points: dict[str, Any]
-) -> tuple[IntArray, Any]:
+def _contacts(names: IntArray, family: IntArray, points: dict[str, Any]) -> tuple[IntArray, Any]:
     """Find contacts and status again, on a grid of times that all rungs share."""
     grid_s = _usual_window_s(points)
     samples = ContactSamples(1)
@@ -239,9 +223,7 @@ def _usual_window_s(points: dict[str, Any]) -> float:
     return float(lengths[np.searchsorted(time, 0.5 * time[-1])])
 
 
-def _on_grid(
-    name: int, points: dict[str, Any], own: slice, grid_s: float
-) -> LinePoints:
+def _on_grid(name: int, points: dict[str, Any], own: slice, grid_s: float) -> LinePoints:
     """Return one line at the times of a grid at which it has a point about."""
     time_s, window_s = points["time_s"][own], points["window_s"][own]
     grid = np.arange(np.ceil(time_s[0] / grid_s), np.floor(time_s[-1] / grid_s) + 1.0)
@@ -322,8 +304,5 @@ def _joined(
 
 def _renamed(one: Families, name: int, frame: IntArray, n_members: int) -> Families:
     return replace(
-        one,
-        family=np.array([name]),
-        frame=frame.astype(np.int64),
-        n_members=np.array([n_members]),
+        one, family=np.array([name]), frame=frame.astype(np.int64), n_members=np.array([n_members])
     )

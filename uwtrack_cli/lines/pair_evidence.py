@@ -147,9 +147,7 @@ def pair_evidence(samples: LineSamples) -> PairEvidence:
     evidence = np.where(is_long, doppler, np.minimum(doppler, 0.0))
     evidence += np.where(sums[8] >= _LEAST_COMMON, sums[7], 0.0)
     some = evidence != 0.0
-    return PairEvidence(
-        low[some], high[some], evidence[some] / samples.correlation_samples
-    )
+    return PairEvidence(low[some], high[some], evidence[some] / samples.correlation_samples)
 
 
 def _stretches(samples: LineSamples) -> Iterator[_Stretch]:
@@ -180,9 +178,7 @@ def _stretches(samples: LineSamples) -> Iterator[_Stretch]:
             np.where(is_known, variance + 0.5 * BEARING_WANDER_DEG**2, 1.0),
         )
         heard, shift, noise, known, bearing, doubt = table
-        yield _Stretch(
-            rows, heard, shift, noise, known if is_known.any() else None, bearing, doubt
-        )
+        yield _Stretch(rows, heard, shift, noise, known if is_known.any() else None, bearing, doubt)
 
 
 def _in_common(samples: LineSamples) -> tuple[IntArray, FloatArray]:
@@ -216,16 +212,11 @@ def _in_common(samples: LineSamples) -> tuple[IntArray, FloatArray]:
     return pair[is_enough], sums[:, is_enough]
 
 
-def _gathered(
-    parts: Sequence[tuple[IntArray, FloatArray]],
-) -> tuple[IntArray, FloatArray]:
+def _gathered(parts: Sequence[tuple[IntArray, FloatArray]]) -> tuple[IntArray, FloatArray]:
     """Add the sums of equal pairs."""
     numbers, sums = zip(*parts, strict=True)
     pair, place = np.unique(np.concatenate(numbers), return_inverse=True)
-    added = [
-        np.bincount(place, row, minlength=pair.size)
-        for row in np.concatenate(sums, axis=1)
-    ]
+    added = [np.bincount(place, row, minlength=pair.size) for row in np.concatenate(sums, axis=1)]
     return pair, np.stack(added)
 
 

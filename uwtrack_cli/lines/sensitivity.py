@@ -121,9 +121,7 @@ def weakest_by_score(
     return _first_above(drift * n_frames, least_score)
 
 
-def weakest_by_count(
-    threshold: float, hits: int, frames: int, n_frames: float
-) -> float:
+def weakest_by_count(threshold: float, hits: int, frames: int, n_frames: float) -> float:
     """Return the SNR in dB at which M of N hits come in a minute every other time."""
     from scipy.special import bdtrc
 
@@ -133,9 +131,8 @@ def weakest_by_count(
 
 
 def false_lines_by_count(
-    peaks_per_frame_khz: float, resolution_hz: float, hits: int, frames: int,
-    hop_s: float,
-) -> float:  # fmt: skip
+    peaks_per_frame_khz: float, resolution_hz: float, hits: int, frames: int, hop_s: float
+) -> float:
     """Return the expected rate of false lines by M of N, per kHz and hour."""
     from scipy.special import bdtrc
 

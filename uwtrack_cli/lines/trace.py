@@ -37,14 +37,10 @@ _MOTION, _HARMONICS = ProcessNoise(), Harmonics()
 def trace_lines(
     blocks: Iterator[Spectrogram],
     *,
-    false_lines_per_khz_hour: Annotated[
-        float, Unit("1/(kHz h)"), AtLeast(1e-9), AtMost(1e9)
-    ] = 1.0,
+    false_lines_per_khz_hour: Annotated[float, Unit("1/(kHz h)"), AtLeast(1e-9), AtMost(1e9)] = 1.0,
     window_frames: Annotated[int, AtLeast(32), AtMost(240)] = 120,
     shortest_frames: Annotated[int, AtLeast(4), AtMost(240)] = 10,
-    band_hz: Annotated[
-        tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()
-    ]
+    band_hz: Annotated[tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()]
     | None = None,
     motion: ProcessNoise = _MOTION,
     harmonics: Harmonics = _HARMONICS,

@@ -92,9 +92,5 @@ def track_lines(
     within a minute. Smoothing has a fixed lag of at least 256 frames, many times the
     correlation time of the filters.
     """
-    options = TrackerOptions(
-        initiation, score, count, feedback, gates, motion, harmonics
-    )
-    return FollowedLines(
-        blocks, lambda frames, peaks: LineTracker(options, frames, peaks)
-    )
+    options = TrackerOptions(initiation, score, count, feedback, gates, motion, harmonics)
+    return FollowedLines(blocks, lambda frames, peaks: LineTracker(options, frames, peaks))

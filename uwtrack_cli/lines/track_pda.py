@@ -107,16 +107,14 @@ def track_lines_pda(
     where one peak has at least half of the probability.
     """
     options = TrackerOptions(
-        "score", score, CountLogic(), Feedback(classifier="none"), gates, motion,
-        harmonics,
-    )  # fmt: skip
+        "score", score, CountLogic(), Feedback(classifier="none"), gates, motion, harmonics
+    )
 
     def make_tracker(frames: Frames, peaks: Peaks) -> PdaLineTracker:
         _check(lowest_false_alarm, peaks)
         return PdaLineTracker(
-            options, frames, peaks, snr_db=snr_db,
-            lowest_false_alarm=lowest_false_alarm,
-        )  # fmt: skip
+            options, frames, peaks, snr_db=snr_db, lowest_false_alarm=lowest_false_alarm
+        )
 
     return FollowedLines(blocks, make_tracker)
 
@@ -159,30 +157,22 @@ class PdaLineTracker(LineTracker):
         self.curve: OperatingCurve = model_curve("steady", 10.0 ** (snr_db / 10.0))
         limits = (lowest_false_alarm, peaks.kept_probability)
         sigmas = options.gates.sigmas
-        self.rules = tuple(
-            prior_rule(self.curve, limits, dimension=m, gate=sigmas) for m in (1, 2)
-        )
+        self.rules = tuple(prior_rule(self.curve, limits, dimension=m, gate=sigmas) for m in (1, 2))
         self.inside = tuple(gate_probability(sigmas, m) for m in (1, 2))
         self.mixture = Mixture(*(np.empty(0, dtype=np.int64),) * 2, np.empty(0))
 
-    def _associate(
-        self, slots: IntArray, peaks: FramePeaks, height: FloatArray
-    ) -> Choice:
+    def _associate(self, slots: IntArray, peaks: FramePeaks, height: FloatArray) -> Choice:
         n_confirmed = self.store.confirmed.size
         pairs = self.associator.pairs(slots, np.zeros(slots.size, bool), peaks, height)
         middle = int(np.searchsorted(pairs.line, n_confirmed))
         near = pairs.take(slice(middle))
         weight, gain, allowed = self._weigh(slots, near, peaks)
-        self.mixture = Mixture(
-            slots[near.line[allowed]], near.peak[allowed], weight[allowed]
-        )
+        self.mixture = Mixture(slots[near.line[allowed]], near.peak[allowed], weight[allowed])
         # The likeliest peak stands for the line in the raw measurements.
         first = np.flatnonzero(weight > 0.5)
         chosen = near.take(first)
         chosen.gain = gain[first]
-        return self.associator.choice(
-            chosen, pairs.take(slice(middle, None)), slots, height
-        )
+        return self.associator.choice(chosen, pairs.take(slice(middle, None)), slots, height)
 
     def _weigh(
         self, slots: IntArray, pairs: Pairs, peaks: FramePeaks
@@ -196,9 +186,7 @@ class PdaLineTracker(LineTracker):
         noise = self.store.frequency_noise_hz2(slots)
         total = spread[0, pairs.line] + noise[pairs.line]
         log_density = -0.5 * (off**2 / total + np.log(2.0 * math.pi * total))
-        turn = wrap_deg(
-            peaks.bearing_deg[pairs.peak] - state.position[1, slots[pairs.line]]
-        )
+        turn = wrap_deg(peaks.bearing_deg[pairs.peak] - state.position[1, slots[pairs.line]])
         turn_total = spread[1, pairs.line] + peaks.bearing_variance_deg2[pairs.peak]
         has_both = has_turn[pairs.line] & np.isfinite(turn) & np.isfinite(turn_total)
         turn_total = np.where(has_both, turn_total, 1.0)
@@ -216,11 +204,7 @@ class PdaLineTracker(LineTracker):
         return strength / evidence[pairs.line], gain[pairs.line], allowed
 
     def _operate(
-        self,
-        slots: IntArray,
-        spread: FloatArray,
-        has_turn: BoolArray,
-        peaks: FramePeaks,
+        self, slots: IntArray, spread: FloatArray, has_turn: BoolArray, peaks: FramePeaks
     ) -> tuple[FloatArray, FloatArray]:
         """Choose the operating point of every line from its predicted variance."""
         noise = self.store.frequency_noise_hz2(slots)
@@ -231,9 +215,7 @@ class PdaLineTracker(LineTracker):
         line_cells = 2.0 * sigmas * width
         share = np.sqrt(np.minimum(spread[1] + turn_noise, _TURN_DEG**2)) / _TURN_DEG
         plane_cells = math.pi * sigmas**2 * width * share
-        false_alarm = np.where(
-            has_turn, self.rules[1](plane_cells), self.rules[0](line_cells)
-        )
+        false_alarm = np.where(has_turn, self.rules[1](plane_cells), self.rules[0](line_cells))
         return false_alarm, self.curve.detection(false_alarm)
 
     def _update(self, slots: IntArray, chosen: Choice, peaks: FramePeaks) -> None:
@@ -257,9 +239,7 @@ class PdaLineTracker(LineTracker):
             peaks.frequency_hz[peak] - state.position[0, slot],
             np.where(np.isnan(turn), 0.0, turn),
         ])  # fmt: skip
-        noise = np.stack([
-            self.store.frequency_noise_hz2(slot), peaks.bearing_variance_deg2[peak]
-        ])  # fmt: skip
+        noise = np.stack([self.store.frequency_noise_hz2(slot), peaks.bearing_variance_deg2[peak]])
         total = state.variance[:, slot] + noise
         gain = state.variance[:, slot] / total
         rate_gain = state.covariance[:, slot] / total
@@ -267,9 +247,7 @@ class PdaLineTracker(LineTracker):
 
         def add(values: FloatArray) -> FloatArray:
             size = state.position.shape[1]
-            return np.stack([
-                np.bincount(slot, weight * row, minlength=size) for row in values
-            ])  # fmt: skip
+            return np.stack([np.bincount(slot, weight * row, minlength=size) for row in values])
 
         shift, rate_shift = add(move), add(rate_move)
         loss, rate_loss = add(gain), add(rate_gain)
@@ -277,14 +255,10 @@ class PdaLineTracker(LineTracker):
             state.position + shift,
             state.rate + rate_shift,
             state.variance * (1.0 - loss) + add(move**2) - shift**2,
-            state.covariance * (1.0 - loss) + add(move * rate_move)
-            - shift * rate_shift,
-            state.rate_variance - rate_loss * state.covariance
-            + add(rate_move**2) - rate_shift**2,
-        )  # fmt: skip
+            state.covariance * (1.0 - loss) + add(move * rate_move) - shift * rate_shift,
+            state.rate_variance - rate_loss * state.covariance + add(rate_move**2) - rate_shift**2,
+        )
         used = np.unique(slot)
         n = self.store.n_quantities
-        self.store.correct(
-            used, kalman.KalmanState(*(entry[:n, used] for entry in after))
-        )
+        self.store.correct(used, kalman.KalmanState(*(entry[:n, used] for entry in after)))
         self.store.coast(used)

@@ -12,14 +12,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.data.options import (
-    Above,
-    AtLeast,
-    AtMost,
-    Increasing,
-    OptionGroup,
-    Unit,
-)
+from uwtrack_cli.data.options import Above, AtLeast, AtMost, Increasing, OptionGroup, Unit
 from uwtrack_cli.errors import OptionError
 
 LONGEST_WINDOW = 63
@@ -61,9 +54,7 @@ class CountLogic(OptionGroup):
             ("keep", self.keep_hits, self.keep_frames),
         ):
             if hits > frames:
-                msg = (
-                    f"{name}_hits must be at most {name}_frames = {frames}, got {hits}."
-                )
+                msg = f"{name}_hits must be at most {name}_frames = {frames}, got {hits}."
                 raise OptionError(msg)
 
 
@@ -81,9 +72,7 @@ class ScoreLogic(OptionGroup):
         Fall of the score below its greatest value that ends a line, in nepers.
     """
 
-    false_lines_per_khz_hour: Annotated[
-        float, Unit("1/(kHz h)"), AtLeast(1e-9), AtMost(1e9)
-    ] = 1.0
+    false_lines_per_khz_hour: Annotated[float, Unit("1/(kHz h)"), AtLeast(1e-9), AtMost(1e9)] = 1.0
     design_snr_db: Annotated[float, Unit("dB"), AtLeast(-30), AtMost(60)] = 2.0
     patience: Annotated[float, Unit("neper"), AtLeast(0.01), AtMost(1e6)] = 10.0
 
@@ -158,9 +147,7 @@ class Gates(OptionGroup):
 
     sigmas: Annotated[float, AtLeast(0.1), AtMost(100)] = 4.0
     frequency_hz: Annotated[float, Unit("Hz"), AtLeast(1e-6), AtMost(1e6)] | None = None
-    bearing_deg: Annotated[float, Unit("degree"), AtLeast(1e-3), AtMost(360)] | None = (
-        None
-    )
+    bearing_deg: Annotated[float, Unit("degree"), AtLeast(1e-3), AtMost(360)] | None = None
     merge_hz: Annotated[float, Unit("Hz"), AtLeast(1e-6), AtMost(1e6)] | None = None
     merge_deg: Annotated[float, Unit("degree"), AtLeast(0), AtMost(360)] = 20.0
     merge_rate_sigmas: Annotated[float, AtLeast(0), AtMost(1e6)] = 3.0
@@ -191,19 +178,11 @@ class ProcessNoise(OptionGroup):
         every line at the greatest.
     """
 
-    frequency_hz2ps3: (
-        Annotated[float, Unit("Hz^2/s^3"), AtLeast(0), AtMost(1e12)] | None
-    ) = None
+    frequency_hz2ps3: Annotated[float, Unit("Hz^2/s^3"), AtLeast(0), AtMost(1e12)] | None = None
     doppler_ps3: Annotated[float, Unit("1/s^3"), AtLeast(0), AtMost(1e6)] = 2e-8
-    bearing_deg2ps3: Annotated[float, Unit("degree^2/s^3"), AtLeast(0), AtMost(1e9)] = (
-        1e-2
-    )
-    frequency_rate_hzps: (
-        Annotated[float, Unit("Hz/s"), AtLeast(1e-9), AtMost(1e6)] | None
-    ) = None
-    bearing_rate_degps: Annotated[float, Unit("degree/s"), AtLeast(0), AtMost(1e4)] = (
-        1.0
-    )
+    bearing_deg2ps3: Annotated[float, Unit("degree^2/s^3"), AtLeast(0), AtMost(1e9)] = 1e-2
+    frequency_rate_hzps: Annotated[float, Unit("Hz/s"), AtLeast(1e-9), AtMost(1e6)] | None = None
+    bearing_rate_degps: Annotated[float, Unit("degree/s"), AtLeast(0), AtMost(1e4)] = 1.0
 
     adaptation: Annotated[float, AtLeast(0), AtMost(1)] = 0.2
 
@@ -213,9 +192,7 @@ class ProcessNoise(OptionGroup):
             return _USUAL_DRIFT / window_s**5
         return self.frequency_hz2ps3
 
-    def frequency_density(
-        self, frequency_hz: FloatArray, window_s: float
-    ) -> FloatArray:
+    def frequency_density(self, frequency_hz: FloatArray, window_s: float) -> FloatArray:
         """Return the greatest process noise of lines at some frequencies, Hz^2/s^3."""
         return self.own_density(window_s) + self.doppler_ps3 * frequency_hz**2
 

@@ -87,9 +87,7 @@ def _terms(one: PassageReport, other: PassageReport) -> Iterator[float]:
     widths = [w for r in (one, other) if isfinite(w := r.range_over_speed_s)]
     width_s = min(widths, default=USUAL_WIDTH_S)
     std_s = _spread(one.time_std_s, other.time_std_s, MODEL_SHARE * width_s)
-    yield _log_density(one.time_s - other.time_s, std_s) - log(
-        PASSAGES_PER_HOUR / 3600.0
-    )
+    yield _log_density(one.time_s - other.time_s, std_s) - log(PASSAGES_PER_HOUR / 3600.0)
     for name, std_name, usual in (
         ("range_over_speed_s", "range_over_speed_std_s", LOG_WIDTH_STD),
         ("speed_mps", "speed_std_mps", LOG_SPEED_STD),
@@ -97,14 +95,10 @@ def _terms(one: PassageReport, other: PassageReport) -> Iterator[float]:
         values = getattr(one, name), getattr(other, name)
         if not all(isfinite(value) and value > 0.0 for value in values):
             continue
-        shares = (
-            getattr(one, std_name) / values[0], getattr(other, std_name) / values[1],
-        )  # fmt: skip
+        shares = (getattr(one, std_name) / values[0], getattr(other, std_name) / values[1])
         apart, std = log(values[0] / values[1]), _spread(*shares, MODEL_SHARE)
         # two vessels differ by what speeds and ranges do, and by the errors of both
-        yield _log_density(apart, std) - _log_normal(
-            apart, hypot(std, sqrt(2.0) * usual)
-        )
+        yield _log_density(apart, std) - _log_normal(apart, hypot(std, sqrt(2.0) * usual))
     apart_deg = (one.bearing_deg - other.bearing_deg + 180.0) % 360.0 - 180.0
     if isfinite(apart_deg):
         std_deg = _spread(one.bearing_std_deg, other.bearing_std_deg, MODEL_DEG)

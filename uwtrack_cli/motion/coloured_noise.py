@@ -142,15 +142,11 @@ def fit_coloured_noise(
     return ColouredNoise(NO_COLOUR, NO_COLOUR, inflation)
 
 
-def _matters(
-    noise: ColouredNoise, root: FloatArray, time: FloatArray, basis: FloatArray
-) -> bool:
+def _matters(noise: ColouredNoise, root: FloatArray, time: FloatArray, basis: FloatArray) -> bool:
     """Return whether coloured noise widens what the design determines."""
     lag = np.abs(time[:, None] - time[None, :])
     kernel = np.zeros_like(lag)
-    for variance, memory_s in zip(
-        noise.variance, noise.correlation_time_s, strict=True
-    ):
+    for variance, memory_s in zip(noise.variance, noise.correlation_time_s, strict=True):
         kernel += variance * np.exp(-lag / memory_s)
     covariance = np.eye(root.size) + root[:, None] * kernel * root
     own, others = basis[: root.size], basis[root.size :]
@@ -267,9 +263,7 @@ def gains_of_shapes(
     free = orthonormal(free)
     weight = np.ones(value.size)
     if with_coloured_noise:
-        kinds = [
-            _spectra(root, time, smooth=kind) for kind in (False, True)[: 1 + smooth]
-        ]
+        kinds = [_spectra(root, time, smooth=kind) for kind in (False, True)[: 1 + smooth]]
         values, vectors = (np.concatenate([one[k] for one in kinds]) for k in (1, 2))
         found, variance = _best_variance(
             value @ vectors, vectors.swapaxes(-1, -2) @ free, values, root

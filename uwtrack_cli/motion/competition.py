@@ -31,10 +31,7 @@ OFF = 2.0
 """Own deviations from a sharper row beyond which an answer is doubted: both have heard
 one sound, so that their errors are much the same."""
 
-COMPARED = (
-    ("range_over_speed_s", "range_over_speed_std_s"),
-    ("speed_mps", "speed_std_mps"),
-)
+COMPARED = (("range_over_speed_s", "range_over_speed_std_s"), ("speed_mps", "speed_std_mps"))
 """Columns in which rows agree or not, and those of their deviations."""
 
 LEVEL_ONLY = "level-only"
@@ -76,9 +73,7 @@ def compete(
         losers: dict[int, Rejection | None] = {}
         winners, numbers = [], []
         for row in range(other.n_encounters):
-            rivals = [
-                k for k in range(kept.n_encounters) if overlaps(kept, k, other, row)
-            ]
+            rivals = [k for k in range(kept.n_encounters) if overlaps(kept, k, other, row)]
             reasons = [_beaten(kept, k, other, row) for k in rivals]
             if keeps_first:
                 pairs = zip(rivals, reasons, strict=True)
@@ -97,8 +92,7 @@ def compete(
                 kept,
                 losers,
                 replace(
-                    other.take("encounter", np.array(winners)),
-                    contact=np.array(numbers, np.int64),
+                    other.take("encounter", np.array(winners)), contact=np.array(numbers, np.int64)
                 ),
                 highest_contact,
             )
@@ -135,17 +129,14 @@ def _beaten(one: Encounters, k: int, two: Encounters, n: int) -> Rejection | Non
 
 def _probability(table: Encounters, row: int) -> float:
     """Return the probability of a row, zero where none is stated."""
-    return float(np.nan_to_num(table.probability[row])) if (
-        table.probability is not None
-    ) else 0.0  # fmt: skip
+    return float(np.nan_to_num(table.probability[row])) if (table.probability is not None) else 0.0
 
 
 def _holds(one: Encounters, k: int, two: Encounters, n: int) -> bool:
     """Tell whether row n of another table lies within the deviations of row k."""
     # what one of them does not know is no disagreement
     return not any(
-        abs(getattr(one, value)[k] - getattr(two, value)[n])
-        > OFF * getattr(one, std)[k]
+        abs(getattr(one, value)[k] - getattr(two, value)[n]) > OFF * getattr(one, std)[k]
         for value, std in (("time_s", "time_std_s"), *COMPARED)
     )
 
@@ -166,10 +157,7 @@ def closest_approach(table: Encounters, row: int) -> PassageReport:
 
 
 def _exchanged(
-    kept: Encounters,
-    losers: dict[int, Rejection | None],
-    winners: Encounters,
-    highest: int,
+    kept: Encounters, losers: dict[int, Rejection | None], winners: Encounters, highest: int
 ) -> Encounters:
     """Put winners into the place of losers; a contact of 0 gets a number of its own."""
     highest = max(highest, int(kept.contact.max(initial=0)))
@@ -189,9 +177,7 @@ def _exchanged(
         refused_to_s=(kept.time_s + kept.range_over_speed_s)[told],
         refused_reason=np.array([one.sentence for one in reasons.values()], np.str_),
         refused_code=np.array([one.code for one in reasons.values()], np.str_),
-        refused_probability=None
-        if kept.probability is None
-        else kept.probability[told],
+        refused_probability=None if kept.probability is None else kept.probability[told],
         refused_motion_model=np.full(len(told), ""),
         refused_motion_model_probability=np.full(len(told), np.nan),
         refused_alternative_motion_model=np.full(len(told), ""),

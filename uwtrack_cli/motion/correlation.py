@@ -56,10 +56,7 @@ def overlap_correlation(kind: Kind, overlap: float) -> FloatArray:
 
 
 def long_run_excess(
-    residual: FloatArray,
-    precision: FloatArray,
-    time_s: FloatArray,
-    window_s: float | None,
+    residual: FloatArray, precision: FloatArray, time_s: FloatArray, window_s: float | None
 ) -> FloatArray:
     """Return the variance that coloured noise adds to each measurement, as if white.
 

@@ -68,15 +68,9 @@ from uwtrack_cli.motion.passage.failed_fits import FailedFit, attempted, failed_
 from uwtrack_cli.motion.passage.fit.directivity import consider_directivity
 from uwtrack_cli.motion.passage.fit.nuisances import NuisancePriors, nuisance_priors
 from uwtrack_cli.motion.passage.fringe_rows import add_fringes
-from uwtrack_cli.motion.passage.model.direction_bearings import (
-    bearing_series,
-    with_directions,
-)
+from uwtrack_cli.motion.passage.model.direction_bearings import bearing_series, with_directions
 from uwtrack_cli.motion.passage.model.measurements import PassageData, series_data
-from uwtrack_cli.motion.passage.readings.competing_readings import (
-    TWO_TARGETS,
-    read_passage,
-)
+from uwtrack_cli.motion.passage.readings.competing_readings import TWO_TARGETS, read_passage
 from uwtrack_cli.motion.passage.recording_passages import examine_recording
 
 SIGNIFICANCE = 1e-3
@@ -98,12 +92,8 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     fringes: Fringes | None = None,
     *,
     sound_speed_mps: SoundSpeed | None = None,
-    sound_speed_std_mps: Annotated[
-        float | None, Unit("m/s"), AtLeast(0), AtMost(1e8)
-    ] = None,
-    source_depth_m: Annotated[
-        float, Unit("m"), AtLeast(0), AtMost(11_000)
-    ] = SOURCE_DEPTH_M,
+    sound_speed_std_mps: Annotated[float | None, Unit("m/s"), AtLeast(0), AtMost(1e8)] = None,
+    source_depth_m: Annotated[float, Unit("m"), AtLeast(0), AtMost(11_000)] = SOURCE_DEPTH_M,
     source_depth_std_m: Annotated[
         float, Unit("m"), AtLeast(0), AtMost(11_000)
     ] = SOURCE_DEPTH_STD_M,
@@ -202,12 +192,9 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     has_sound = sound is not None and sound.can_be_read_again
     with failed_fits() as failed:
         found, still = _examined(
-            lines, levels, series, (medium, significance), limits, sound,
-            directions,
-        )  # fmt: skip
-        made = partial(
-            _row, context=context, levels=levels, least=probability, has_sound=has_sound
+            lines, levels, series, (medium, significance), limits, sound, directions
         )
+        made = partial(_row, context=context, levels=levels, least=probability, has_sound=has_sound)
         pairs = [
             (item, attempted(partial(made, item), item.contacts, item.blocks.time_s))
             for item in found
@@ -354,10 +341,7 @@ def _from_series(
 
 
 def _of_table(
-    data: PassageData,
-    owner: tuple[tuple[int, ...], IntArray],
-    medium: Medium,
-    probability: float,
+    data: PassageData, owner: tuple[tuple[int, ...], IntArray], medium: Medium, probability: float
 ) -> tuple[list[CandidatePassage], list[Still]]:
     """Examine a contact of a table, which may be two vessels."""
     one = fit_contact(data, *owner, medium, probability)
@@ -370,18 +354,14 @@ def _of_table(
     return [item.measured(as_given=1.0) for item in checked], still
 
 
-def _limits(
-    lines: Lines | None, levels: Levels | None, series: Series | None
-) -> RecordingSpan:
+def _limits(lines: Lines | None, levels: Levels | None, series: Series | None) -> RecordingSpan:
     frames = levels.frames if levels else lines.frames if lines else None
     if frames is None:
         time = series.time_s if series is not None else np.zeros(1)
         return RecordingSpan(0.0, float(time.min()), float(time.max()))
     if not frames.n_frames:
         return RecordingSpan(frames.window_s, 0.0, 0.0)
-    return RecordingSpan(
-        frames.window_s, float(frames.time_s[0]), float(frames.time_s[-1])
-    )
+    return RecordingSpan(frames.window_s, float(frames.time_s[0]), float(frames.time_s[-1]))
 
 
 def _row(

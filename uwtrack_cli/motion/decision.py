@@ -176,9 +176,7 @@ def decide(measured: Evidence) -> PassageDecision:
     shares[NOT_SIGNIFICANT] = 1.0
     code = max(shares, key=lambda one: (shares[one], one))
     share = shares[code] / sum(shares.values())
-    return PassageDecision(
-        probability, code, (1.0 - probability) * share, tuple(nepers)
-    )
+    return PassageDecision(probability, code, (1.0 - probability) * share, tuple(nepers))
 
 
 def weigh_more(decision: PassageDecision, code: str, nepers: float) -> PassageDecision:
@@ -187,18 +185,12 @@ def weigh_more(decision: PassageDecision, code: str, nepers: float) -> PassageDe
     before = min(decision.probability, 1.0 - 1e-12)
     odds = before / (1.0 - before) * exp(held)
     probability = odds / (1.0 + odds)
-    other = decision._replace(
-        probability=probability, nepers=(*decision.nepers, (code, held))
-    )
+    other = decision._replace(probability=probability, nepers=(*decision.nepers, (code, held)))
     if held < 0.0 and probability < before:
         share = 1.0 - exp(held)
-        return other._replace(
-            alternative=code, alternative_probability=(1.0 - probability) * share
-        )
+        return other._replace(alternative=code, alternative_probability=(1.0 - probability) * share)
     share = (1.0 - probability) / (1.0 - before)
-    return other._replace(
-        alternative_probability=decision.alternative_probability * share
-    )
+    return other._replace(alternative_probability=decision.alternative_probability * share)
 
 
 def why_not(decision: PassageDecision, measured: Evidence) -> Rejection:

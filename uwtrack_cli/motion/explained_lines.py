@@ -40,9 +40,7 @@ FEWEST_POINTS = 4
 """Measurements of a line below which nothing is said of it."""
 
 
-def unexplained(
-    table: Encounters, lines: Lines, known: Sequence[Encounters]
-) -> BoolArray:
+def unexplained(table: Encounters, lines: Lines, known: Sequence[Encounters]) -> BoolArray:
     """Tell which rows have a line that no better passage explains, shape (row,).
 
     ``lines`` are those that the table's rows are made of; rows without any are not
@@ -74,9 +72,7 @@ def _is_better(other: Encounters, k: int, table: Encounters, row: int) -> bool:
     return bool(more and known > own)
 
 
-def _is_on_path(
-    lines: Lines, line: int, mach: float, passage: Encounters, row: int
-) -> bool:
+def _is_on_path(lines: Lines, line: int, mach: float, passage: Encounters, row: int) -> bool:
     """Tell whether a passage explains most of what was measured of a line.
 
     ``mach`` is the speed of the vessel that the line tells itself, over sound speed.
@@ -101,9 +97,7 @@ def _is_on_path(
     return bool((share > EXPLAINED_SHARE).any())
 
 
-def _ratio(
-    time_s: FloatArray, passage: Encounters, row: int
-) -> tuple[FloatArray, FloatArray]:
+def _ratio(time_s: FloatArray, passage: Encounters, row: int) -> tuple[FloatArray, FloatArray]:
     """Return received over emitted frequency, and its deviation by that of the speed."""
     closest_s = passage.arrival_time_s[row]
     if not np.isfinite(closest_s):

@@ -28,8 +28,7 @@ def fix_rows(
     along = velocity / speed[:, None]
     across = np.stack([along[:, 1], -along[:, 0]], axis=1)
     std, across_std = (
-        np.sqrt(np.einsum("ti,tij,tj->t", axis, spread, axis))
-        for axis in (along, across)
+        np.sqrt(np.einsum("ti,tij,tj->t", axis, spread, axis)) for axis in (along, across)
     )
     return {
         "time_s": time_s,
@@ -59,9 +58,7 @@ def fix_table(
     columns: dict[str, Any] = {}
     for key, spec in Fixes.columns().items():
         is_there = bool(parts) and all(key in part for part in parts)
-        if key not in {"time_utc_ns", "latitude", "longitude"} and (
-            is_there or not spec.optional
-        ):
+        if key not in {"time_utc_ns", "latitude", "longitude"} and (is_there or not spec.optional):
             kind = "U1" if spec.dtype.kind == "U" else spec.dtype
             nothing = np.empty((0, *(2 for _ in spec.axes[1:])), kind)
             columns[key] = np.concatenate([nothing, *(part[key] for part in parts)])

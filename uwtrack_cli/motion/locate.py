@@ -46,16 +46,10 @@ from uwtrack_cli.motion.fusion.track_to_track import Mode, group_encounters, lis
 from uwtrack_cli.motion.options import Probability
 from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, turned_way
 from uwtrack_cli.motion.target_motion.contact import ContactAnswer, analyse_contacts
-from uwtrack_cli.motion.target_motion.contact_pairing import (
-    ContactNumbers,
-    pair_contacts,
-)
+from uwtrack_cli.motion.target_motion.contact_pairing import ContactNumbers, pair_contacts
 from uwtrack_cli.motion.target_motion.cross_fix import fixes_of_answers
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
-from uwtrack_cli.motion.target_motion.inputs import (
-    check_sensors,
-    measurements_from_series,
-)
+from uwtrack_cli.motion.target_motion.inputs import check_sensors, measurements_from_series
 from uwtrack_cli.motion.target_motion.modes import TmaOptions
 from uwtrack_cli.motion.target_motion.motion_table import reasons_of
 
@@ -133,10 +127,7 @@ def locate_vessels(  # noqa: PLR0913 (five inputs that may be absent)
         series = bearings_of_arrays(directions, sensors or [])
     if series is not None:
         if encounters:
-            msg = (
-                "positions come from closest approaches or from a table of bearings, "
-                "got both."
-            )
+            msg = "positions come from closest approaches or from a table of bearings, got both."
             raise DataError(msg)
         return _cross_fixes(series, at, every_s, until, contact_numbers)
     if not encounters and delays:
@@ -186,8 +177,7 @@ def _fixes_of_passages(
             passages.start_utc_ns, at, every_s, until,
         )  # fmt: skip
         parts += [
-            _rows(contact, number, mode, times, passages)
-            for number, mode in enumerate(modes, 1)
+            _rows(contact, number, mode, times, passages) for number, mode in enumerate(modes, 1)
         ]
     grid = passages.grid.name, passages.grid.origin
     return fix_table(parts, passages.start_utc_ns, grid, " ".join(clocks))
@@ -248,9 +238,7 @@ def _what_is_missing(series: Series) -> str:
     )
     if len(spans) == 1:
         missing = "positions need the bearings of a second sensor of the same time"
-    elif all(
-        one[1] < other[0] or other[1] < one[0] for one, other in combinations(spans, 2)
-    ):
+    elif all(one[1] < other[0] or other[1] < one[0] for one, other in combinations(spans, 2)):
         missing = "no two sensors have rows of the same time"
     return (
         f"The table has of {'; '.join(heard)}: {missing}. 'uwtrack tma' of the same "
@@ -322,18 +310,10 @@ def _clock_statements(passages: Passages, mode: Mode) -> list[str]:
 
 def _keeps_numbers(passages: Passages) -> bool:
     """Tell whether the contacts of one sensor, each named once, keep their numbers."""
-    return len(set(passages.sensor)) <= 1 and len(set(passages.contact)) == len(
-        passages.contact
-    )
+    return len(set(passages.sensor)) <= 1 and len(set(passages.contact)) == len(passages.contact)
 
 
-def _rows(
-    contact: int,
-    number: int,
-    mode: Mode,
-    times: FloatArray,
-    passages: Passages,
-) -> FixRows:
+def _rows(contact: int, number: int, mode: Mode, times: FloatArray, passages: Passages) -> FixRows:
     """Predict one mode at all times: state and covariance grow with the lag."""
     legs = [passages.other_leg[row] for row in mode.members]
     leg = next((one for one in legs if one is not None), None)
@@ -345,9 +325,7 @@ def _rows(
     elif bend is not None:
         ends = bend.values[2] + bend.values[1] * np.array([-0.5, 0.5])
         is_same = np.clip(times, *ends) == np.clip(bend.closest_s, *ends)
-        times, state, covariance = (
-            values[is_same] for values in (times, state, covariance)
-        )
+        times, state, covariance = (values[is_same] for values in (times, state, covariance))
         msg = (
             f"contact {contact} turned between {ends[0]:.0f} and {ends[1]:.0f} s, and "
             f"to which side is not known: it has no positions on its other course."
@@ -356,18 +334,14 @@ def _rows(
     elif leg is not None:
         is_other = (times - leg.time_s > 0) == leg.is_later
         if not np.isfinite(leg.along_away_mps).all():
-            times, state, covariance = (
-                values[~is_other] for values in (times, state, covariance)
-            )
+            times, state, covariance = (values[~is_other] for values in (times, state, covariance))
             msg = (
                 f"contact {contact} manoeuvred at {leg.time_s:.0f} s and its other "
                 f"course is not known: it has no positions there."
             )
             warnings.warn(msg, UwtrackNote, stacklevel=3)
         elif is_other.any():
-            state[is_other], covariance[is_other] = other_leg_way(
-                mode, leg, times[is_other]
-            )
+            state[is_other], covariance[is_other] = other_leg_way(mode, leg, times[is_other])
     names = sorted({passages.sensor[row] for row in mode.members})
     return fix_rows(
         state, covariance, times, contact=contact, mode=number, weight=mode.weight,
@@ -466,9 +440,7 @@ TURN_STEPS = (1e-4, 1e-2, 1e-2)
 """Steps of the differences by the angle (rad), the duration and the middle (s)."""
 
 
-def turned_way_of(
-    mode: Mode, bend: EvenTurn, times: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def turned_way_of(mode: Mode, bend: EvenTurn, times: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return states and covariances of a mode that turns evenly."""
     (at,), (spread,) = mode.at(np.array([bend.closest_s]))
     course = np.radians(bend.course_deg)
@@ -491,9 +463,7 @@ def turned_way_of(
     return states[0], covariance
 
 
-def other_leg_way(
-    mode: Mode, leg: OtherLeg, times: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def other_leg_way(mode: Mode, leg: OtherLeg, times: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return states and covariances of a mode on the other side of its manoeuvre."""
     (at,), (spread,) = mode.at(np.array([leg.time_s]))
     along = mode.state[2:] / np.hypot(*mode.state[2:])
@@ -507,9 +477,7 @@ def other_leg_way(
     own = axes @ axes.T
     turned = np.outer(velocity - mode.state[2:], velocity - mode.state[2:])
     lag = (times - leg.time_s)[:, None]
-    state = np.concatenate(
-        [at[:2] + lag * velocity, np.tile(velocity, (times.size, 1))], axis=1
-    )
+    state = np.concatenate([at[:2] + lag * velocity, np.tile(velocity, (times.size, 1))], axis=1)
     covariance = np.zeros((times.size, 4, 4))
     place = spread[:2, :2] + leg.time_std_s**2 * turned
     covariance[:, :2, :2] = place + lag[..., None] ** 2 * own

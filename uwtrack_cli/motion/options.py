@@ -4,15 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from uwtrack_cli.constants import SOURCE_DEPTH_M, SOURCE_DEPTH_STD_M
-from uwtrack_cli.data.options import (
-    Above,
-    AtLeast,
-    AtMost,
-    Below,
-    Increasing,
-    OptionGroup,
-    Unit,
-)
+from uwtrack_cli.data.options import Above, AtLeast, AtMost, Below, Increasing, OptionGroup, Unit
 
 Probability = Annotated[float, Above(0), Below(1)]
 """A probability that is neither impossible nor certain."""
@@ -74,16 +66,10 @@ class Nuisances(OptionGroup):
         Correlation time of own position and velocity.
     """
 
-    sound_speed_std_mps: Annotated[
-        float | None, Unit("m/s"), AtLeast(0), AtMost(1e8)
-    ] = None
-    compass_std_deg: Annotated[
-        float | None, Unit("degree"), AtLeast(0), AtMost(180)
-    ] = None
+    sound_speed_std_mps: Annotated[float | None, Unit("m/s"), AtLeast(0), AtMost(1e8)] = None
+    compass_std_deg: Annotated[float | None, Unit("degree"), AtLeast(0), AtMost(180)] = None
     position_std_m: Annotated[float | None, Unit("m"), AtLeast(0), AtMost(1e6)] = None
-    velocity_std_mps: Annotated[float | None, Unit("m/s"), AtLeast(0), AtMost(100)] = (
-        None
-    )
+    velocity_std_mps: Annotated[float | None, Unit("m/s"), AtLeast(0), AtMost(100)] = None
     correlation_time_s: Annotated[float, Unit("s"), AtLeast(1e-3), AtMost(1e6)] = 100.0
 
 
@@ -160,9 +146,5 @@ class Misfit(OptionGroup):
 
     loss: Literal["auto", "squares", "huber", "student", "tukey"] = "auto"
     line_weighting: Literal["sum", "mean"] = "sum"
-    bearing_std_deg: Annotated[
-        float | None, Unit("degree"), AtLeast(1e-9), AtMost(180)
-    ] = None
-    frequency_std_hz: Annotated[
-        float | None, Unit("Hz"), AtLeast(1e-12), AtMost(1e6)
-    ] = None
+    bearing_std_deg: Annotated[float | None, Unit("degree"), AtLeast(1e-9), AtMost(180)] = None
+    frequency_std_hz: Annotated[float | None, Unit("Hz"), AtLeast(1e-12), AtMost(1e6)] = None

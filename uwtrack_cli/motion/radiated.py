@@ -59,10 +59,7 @@ TOO_WEAK = "less than 3 dB over the background"
 
 @checked
 def estimate_radiated_levels(
-    decidecades: list[Decidecades],
-    encounters: list[Encounters],
-    *,
-    spreading_db: Spreading = 20.0,
+    decidecades: list[Decidecades], encounters: list[Encounters], *, spreading_db: Spreading = 20.0
 ) -> RadiatedLevels:
     """Estimate the radiated noise level of each passage in decidecade bands.
 
@@ -191,10 +188,7 @@ def _levels_of(passage: _Passage, levels: list[Decidecades]) -> Decidecades:
 
 
 def _bands(
-    passage: _Passage,
-    levels: Decidecades,
-    passages: list[_Passage],
-    spreading_db: float,
+    passage: _Passage, levels: Decidecades, passages: list[_Passage], spreading_db: float
 ) -> _Bands:
     time_s = levels.time_s
     power = 10.0 ** (0.1 * levels.level_db.astype(float))
@@ -296,13 +290,9 @@ def _joined(parts: list[_Bands], spreading_db: float) -> RadiatedLevels:
     reasons = [text for part in parts for text in part.reasons]
     owner, texts = flatten([text] if text else [] for text in reasons)
     return RadiatedLevels(
-        contact=np.repeat(
-            np.array([p.passage.contact for p in parts], np.int64), counts
-        ),
+        contact=np.repeat(np.array([p.passage.contact for p in parts], np.int64), counts),
         sensor=np.repeat(np.array([p.passage.sensor for p in parts], np.str_), counts),
-        time_utc_ns=np.repeat(
-            np.array([p.passage.time_utc_ns for p in parts], np.int64), counts
-        ),
+        time_utc_ns=np.repeat(np.array([p.passage.time_utc_ns for p in parts], np.int64), counts),
         centre_hz=column("centre_hz"),
         radiated_noise_level_db=column("level_db"),
         radiated_noise_level_std_db=column("std_db"),

@@ -31,22 +31,13 @@ from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked
 from uwtrack_cli.data.sensor import Navigation, Sensor, SoundSpeed
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.motion.options import (
-    BounceGeometry,
-    Misfit,
-    MotionModel,
-    Nuisances,
-    Search,
-)
+from uwtrack_cli.motion.options import BounceGeometry, Misfit, MotionModel, Nuisances, Search
 from uwtrack_cli.motion.passage.fit.nuisances import COMPASS_STD_DEG
 from uwtrack_cli.motion.passage.model.direction_bearings import bearing_series
 from uwtrack_cli.motion.sound_speed import sound_speed_std
 from uwtrack_cli.motion.target_motion.bounce import Bounce, bounce_of
 from uwtrack_cli.motion.target_motion.contact import analyse_contacts
-from uwtrack_cli.motion.target_motion.contact_pairing import (
-    ContactNumbers,
-    pair_contacts,
-)
+from uwtrack_cli.motion.target_motion.contact_pairing import ContactNumbers, pair_contacts
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target_motion.inputs import (
     Measurements,
@@ -257,10 +248,7 @@ def _check_sensor_options(navigation: Navigation | None, solver: str) -> None:
 
 
 def _deviations(
-    given: Nuisances,
-    sensor: Sensor | None,
-    is_moving: bool,
-    sound_speed_mps: float | None,
+    given: Nuisances, sensor: Sensor | None, is_moving: bool, sound_speed_mps: float | None
 ) -> NuisanceDeviations:
     """Fill in what the options leave open."""
     sound = given.sound_speed_std_mps
@@ -309,9 +297,7 @@ def _array_navigation(
     )
 
 
-def _bounce(
-    series: Series | None, sensor: Sensor | None, given: BounceGeometry
-) -> Bounce | None:
+def _bounce(series: Series | None, sensor: Sensor | None, given: BounceGeometry) -> Bounce | None:
     """Return the reflected path whose delays a table has; None without delays."""
     late = None if series is None else series.bounce_delay_s
     if late is None or np.isnan(late).all():
@@ -339,11 +325,7 @@ def _height(sensor: Sensor | None) -> float:
 
 
 def _contacts(
-    series: Series | None,
-    lines: Lines | None,
-    directions: Directions | None,
-    *,
-    is_array: bool,
+    series: Series | None, lines: Lines | None, directions: Directions | None, *, is_array: bool
 ) -> list[Measurements]:
     """Take the inputs apart; contacts of an array that have no lines come after."""
     if series is None and lines is None and directions is not None:

@@ -113,14 +113,10 @@ def target_motion_figure(scene: Scene, contact: int | None, view: View) -> Figur
     left = layout.alone(MAP_IN if view.is_wide else 0.95 * view.width_in,
                  lambda ax: draw_motion_map(motions, tracks, ax))  # fmt: skip
     if not parts:
-        return layout.page_figure(
-            heads, view, [left._replace(height=0.7 * view.width_in)]
-        )
+        return layout.page_figure(heads, view, [left._replace(height=0.7 * view.width_in)])
     ticks = 5 if view.is_wide else view.ticks
     right = layout.timed(parts, view, scene.clock, span_s, ticks)
-    return layout.page_figure(
-        heads, view, [left, right], (1.0, 1.05) if view.is_wide else ()
-    )
+    return layout.page_figure(heads, view, [left, right], (1.0, 1.05) if view.is_wide else ())
 
 
 def _heads(motions: Motions, clock: Clock, units: Units) -> list[HeadLine]:
@@ -129,9 +125,7 @@ def _heads(motions: Motions, clock: Clock, units: Units) -> list[HeadLine]:
     for row in (row for row in json_rows(motions) if row["mode"] == 1):
         found += [HeadLine(_state(row, units)), HeadLine(_now(row, clock))]
         if others := int(np.sum(motions.contact == row["contact"])) - 1:
-            text = (
-                f"{others} other motion{'' if others == 1 else 's'} fit about as well; "
-            )
+            text = f"{others} other motion{'' if others == 1 else 's'} fit about as well; "
             found.append(HeadLine(f"{text}this one has the weight {row['weight']:.2f}"))
         told = _legs_told(row, units)
         if (motions.contact == row["contact"]).all():  # else they stand on its own page
@@ -178,9 +172,7 @@ def _nuisances_told(row: Row) -> list[str]:
                if value is not None]  # fmt: skip
     found = []
     if told:
-        found.append(
-            f"not known exactly (share of the range's variance): {', '.join(told)}"
-        )
+        found.append(f"not known exactly (share of the range's variance): {', '.join(told)}")
     if offsets:
         found.append(f"offsets of the bearings: {', '.join(offsets)}")
     return found
@@ -203,10 +195,7 @@ def _now(row: Row, clock: Clock) -> str:
 
 
 def draw_motion_map(
-    motions: Motions,
-    tracks: Sequence[tuple[str, OwnPath]],
-    ax: Axes,
-    ratio: float = 1.0,
+    motions: Motions, tracks: Sequence[tuple[str, OwnPath]], ax: Axes, ratio: float = 1.0
 ) -> Axes:
     """Draw the tracks of what measured, and every mode's track and regions.
 
@@ -255,9 +244,7 @@ def _draw_mode(motions: Motions, row: int, ray_m: float, ax: Axes) -> None:
         _draw_legs(motions, row, path, ax, alpha)
 
 
-def _draw_legs(
-    motions: Motions, row: int, path: FloatArray, ax: Axes, alpha: float
-) -> None:
+def _draw_legs(motions: Motions, row: int, path: FloatArray, ax: Axes, alpha: float) -> None:
     """Draw the legs of a motion, the alterations between them, and their regions."""
     color = style.contact_color(int(motions.contact[row]))
     for begin, end in zip(path[:-1:2], path[1::2], strict=True):
@@ -273,9 +260,7 @@ def _draw_legs(
         motions.now_range_m[row], motions.now_bearing_deg[row],
         motions.now_range_std_m[row], motions.now_bearing_std_deg[row],
     ))  # fmt: skip
-    for place, (distance_m, bearing_deg, *std) in zip(
-        [*path[2::2], path[-1]], seen, strict=True
-    ):
+    for place, (distance_m, bearing_deg, *std) in zip([*path[2::2], path[-1]], seen, strict=True):
         spread = place_covariance(distance_m, bearing_deg, np.diag(std) ** 2)
         style.draw_ellipse(ax, place, spread, color, 0.25 * alpha)
     end = path[-1]
@@ -354,9 +339,7 @@ def _paths(scene: Scene, data: Measurements) -> tuple[list[OwnPath], IntArray]:
     return [inputs.own_path(track, data)], np.zeros(data.time_s.size, np.int64)
 
 
-def motion_residuals(
-    scene: Scene, motions: Motions, data: Measurements
-) -> PlottedResiduals | None:
+def motion_residuals(scene: Scene, motions: Motions, data: Measurements) -> PlottedResiduals | None:
     """Return what the best mode of a contact leaves of its measurements.
 
     ``scene``: where own ship was, and how deep the sensor lies.
@@ -377,9 +360,7 @@ def motion_residuals(
         return None
     steps = np.diff(np.unique(data.time_s))  # several sensors share instants
     interval_s = data.window_s or (float(np.median(steps)) if steps.size else 1.0)
-    doppler: own_ship.Doppler = (
-        "interval" if motions.doppler == "interval" else "instantaneous"
-    )
+    doppler: own_ship.Doppler = "interval" if motions.doppler == "interval" else "instantaneous"
     track = own_ship.make_sensors_track(paths, sensor, data.time_s, doppler, interval_s)
     hydrophone = scene.first(Sensor)
     depth = None if hydrophone is None else hydrophone.depth_m
@@ -412,12 +393,7 @@ def _parts(scene: Scene, motions: Motions) -> list[PagePart]:
         if any(np.isfinite(getattr(found, name)).any() for found in left):
             label = f"{name.partition('_')[0]} residual\n({unit})"
             parts.append(
-                PagePart(
-                    1.5,
-                    partial(
-                        _draw_residuals, left, name, label, _alterations_s(motions)
-                    ),
-                )
+                PagePart(1.5, partial(_draw_residuals, left, name, label, _alterations_s(motions)))
             )
     if _bounded(motions).any():
         parts.append(PagePart(1.7, partial(draw_ranges, motions)))
@@ -432,11 +408,7 @@ def _alterations_s(motions: Motions) -> FloatArray:
 
 
 def _draw_residuals(
-    left: Sequence[PlottedResiduals],
-    name: str,
-    label: str,
-    altered_s: FloatArray,
-    ax: Axes,
+    left: Sequence[PlottedResiduals], name: str, label: str, altered_s: FloatArray, ax: Axes
 ) -> None:
     style.calm(ax, label).axhline(0.0, color=style.MEASURED, lw=0.8)
     for time_s in altered_s:
@@ -499,9 +471,7 @@ def decision_figure(scene: Scene, view: View) -> Figure:
     if decision is None or not decision.scan_time_s.size:
         msg = "no contacts were compared, so there is nothing to draw."
         raise DataError(msg)
-    blocks = [
-        layout.alone(4.0, partial(draw, decision)) for draw in (draw_odds, draw_terms)
-    ]
+    blocks = [layout.alone(4.0, partial(draw, decision)) for draw in (draw_odds, draw_terms)]
     return layout.page_figure([HeadLine("Which one moves")], view, blocks)
 
 
@@ -515,9 +485,7 @@ def draw_target(target: Target, scans: Scans | None, ax: Axes) -> Axes:
     if scans is not None and scans.component.tolist() == target.component.tolist():
         first = scans.measured[:, 0]
         across = (first, scans.measured[:, 1]) if is_map else (scans.time_s, first)
-        ax.plot(
-            *across, ".", ms=1.5, color=style.NO_CONTACT, zorder=1, label="measurements"
-        )
+        ax.plot(*across, ".", ms=1.5, color=style.NO_CONTACT, zorder=1, label="measurements")
     for number, own in enumerate(target.targets, 1):
         color = style.contact_color(number)
         if not is_map:
@@ -547,12 +515,8 @@ def draw_target(target: Target, scans: Scans | None, ax: Axes) -> Axes:
 def draw_threshold(target: Target, ax: Axes) -> Axes:
     """Draw the threshold used at each scan, and the score for a lost target."""
     for number, own in enumerate(target.targets, 1):
-        ax.step(
-            own.time_s, own.threshold, where="mid", color=style.contact_color(number)
-        )
-    ax.set(
-        xlabel="time (s)", ylabel=f"threshold ({figure_text(target.threshold_rule)})"
-    )
+        ax.step(own.time_s, own.threshold, where="mid", color=style.contact_color(number))
+    ax.set(xlabel="time (s)", ylabel=f"threshold ({figure_text(target.threshold_rule)})")
     other = ax.twinx()
     for own in target.targets:
         other.fill_between(own.time_s, own.loss_cusum, step="mid", alpha=0.2, color="k")

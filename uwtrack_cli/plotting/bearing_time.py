@@ -28,9 +28,7 @@ MOST_MARKS = 120
 """Angles of a line that are drawn."""
 
 
-def draw_bearing_time(
-    record: BearingTime, ax: Axes, span_s: Span | None = None
-) -> Axes:
+def draw_bearing_time(record: BearingTime, ax: Axes, span_s: Span | None = None) -> Axes:
     """Draw the record: angle from the array's head over time, level as shade.
 
     Of an array that is no line the angle goes all around, clockwise: from true north
@@ -71,9 +69,7 @@ def draw_bearing_time(
 
 def is_true(record: BearingTime) -> bool:
     """Tell whether angles are given from true north: of an array that is no line."""
-    return record.azimuth_deg is not None and bool(
-        np.isfinite(record.heading_deg).all()
-    )
+    return record.azimuth_deg is not None and bool(np.isfinite(record.heading_deg).all())
 
 
 def angle_name(record: BearingTime) -> str:
@@ -124,9 +120,7 @@ def _angle_from_ahead(
     return angle_deg
 
 
-def draw_frequency_azimuth(
-    record: BearingTime, peaks: Peaks, ax: Axes, span_s: Span
-) -> Axes:
+def draw_frequency_azimuth(record: BearingTime, peaks: Peaks, ax: Axes, span_s: Span) -> Axes:
     """Draw at which frequencies and angles peaks were found within a span of time.
 
     Vertical rows of one frequency are lines; rows of one angle are a vessel.

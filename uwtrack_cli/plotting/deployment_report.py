@@ -116,9 +116,7 @@ def deployment_html(
     )  # fmt: skip
 
 
-def _pictures(
-    deployment: Deployment,
-) -> Iterator[tuple[str, str, str, Callable[[View], Figure]]]:
+def _pictures(deployment: Deployment) -> Iterator[tuple[str, str, str, Callable[[View], Figure]]]:
     """Yield headings, captions, alternative texts and pictures of the whole.
 
     Each is there where it has something to say.
@@ -171,9 +169,7 @@ def calendar_figure(deployment: Deployment, view: View) -> Figure:
                             color=color, height=share * height)  # fmt: skip
         at = [divmod(parse_utc(p.time_utc), DAY_NS) for p in deployment.passages
               if p.sensor == sensor and p.time_utc]  # fmt: skip
-        if marks := [
-            (ns / HOUR_NS, place[day] + shift) for day, ns in at if day in place
-        ]:
+        if marks := [(ns / HOUR_NS, place[day] + shift) for day, ns in at if day in place]:
             color = style.CONTACT_COLORS[number % len(style.CONTACT_COLORS)]
             ax.plot(
                 *np.array(marks).T, ls="none", marker=MARKERS[number % len(MARKERS)],

@@ -103,9 +103,7 @@ def passage_head(row: Row, number: int, units: Units) -> dict[str, Any]:
     return {"number": number, "color": color, "ink": text_on(color), "title": title}
 
 
-def sound_of(
-    scene: Scene, fit: ReportedPassage, speed_up: float | None
-) -> dict[str, Any] | None:
+def sound_of(scene: Scene, fit: ReportedPassage, speed_up: float | None) -> dict[str, Any] | None:
     """Return the sound of a passage as a page has it; None where it is not at hand.
 
     ``speed_up``: how many times faster it is played; None: it is not asked for.

@@ -20,9 +20,7 @@ TITLE_PT, LINE_PT, COLUMN_PT = 12.0, 9.0, 7.5
 POINT_CHARACTERS, BOLD_CHARACTERS = 118.0, 102.0
 """Characters in an inch, times their size in points, and of those that are bold."""
 
-WITHIN_VALUE = re.compile(
-    r" (?=\u00b1)|(?<=\u00b1) |(?<=\d) (?=(?:kn|m|m/s|s|deg|Hz|UTC)\b)"
-)
+WITHIN_VALUE = re.compile(r" (?=\u00b1)|(?<=\u00b1) |(?<=\d) (?=(?:kn|m|m/s|s|deg|Hz|UTC)\b)")
 """Spaces at which no line ends: within a value with its deviation and unit."""
 
 LEAST_SHARE = 0.8
@@ -73,10 +71,7 @@ def span_title(span_s: Span, clock: Clock, names: Sequence[str]) -> str:
 
 
 def page_figure(
-    heads: Sequence[HeadLine],
-    view: View,
-    blocks: Sequence[PagePart],
-    widths: Sequence[float] = (),
+    heads: Sequence[HeadLine], view: View, blocks: Sequence[PagePart], widths: Sequence[float] = ()
 ) -> Figure:
     """Return a page: a title, and blocks below each other.
 
@@ -177,11 +172,7 @@ def alternative_text(figure: Figure) -> str:
 
 
 def timed(
-    parts: Sequence[PagePart],
-    view: View,
-    clock: Clock,
-    span_s: Span,
-    ticks: int | None = None,
+    parts: Sequence[PagePart], view: View, clock: Clock, span_s: Span, ticks: int | None = None
 ) -> PagePart:
     """Return panels below each other with one time axis, named at the last one.
 

@@ -27,9 +27,7 @@ def place_of(fit: ReportedPassage) -> tuple[FloatArray, FloatArray]:
     """Return the place at closest approach from the sensor, m, and its covariance."""
     where = fit.range_m, fit.value("bearing_deg")
     std = [fit.value("slant_range_std_m"), fit.value("bearing_std_deg")]
-    return where[0] * compass_unit(where[1]), place_covariance(
-        *where, np.diag(std) ** 2
-    )
+    return where[0] * compass_unit(where[1]), place_covariance(*where, np.diag(std) ** 2)
 
 
 def draw_map(scene: Scene, fit: ReportedPassage, ax: Axes) -> Axes:
@@ -41,9 +39,7 @@ def draw_map(scene: Scene, fit: ReportedPassage, ax: Axes) -> Axes:
     distance, color = max(fit.range_m, 1.0), style.contact_color(fit.number)
     std, reach = np.nan_to_num(fit.value("slant_range_std_m")), REACH * distance
     ax.plot(0.0, 0.0, "^", ms=7, color="black")
-    style.name_place(
-        ax, np.zeros(2), str(fit.encounters.sensor[fit.row]), "black", (6, -10)
-    )
+    style.name_place(ax, np.zeros(2), str(fit.encounters.sensor[fit.row]), "black", (6, -10))
     if fit.is_mapped:
         place, covariance = place_of(fit)
         ends = draw_track(ax, place, fit.value("course_deg"), reach, fit.number)
@@ -79,9 +75,7 @@ def draw_circle(ax: Axes, range_m: float, std_m: float, number: int) -> None:
     color, half = style.contact_color(number), style.BAND_DEVIATIONS * std_m
     around = compass_unit(np.arange(0, 361, 2)).T
     inner, outer = max(range_m - half, 0.0) * around, (range_m + half) * around
-    ax.plot(
-        *(range_m * around), color=color, lw=1.2, linestyle=style.contact_dash(number)
-    )
+    ax.plot(*(range_m * around), color=color, lw=1.2, linestyle=style.contact_dash(number))
     ring = np.concatenate([outer, inner[:, ::-1]], axis=1)
     ax.fill(*ring, color=color, alpha=0.2, lw=0)
 
@@ -113,8 +107,7 @@ def furnish(ax: Axes) -> Axes:
         solid_capstyle="butt", transform=ax.transAxes, clip_on=False,
     )  # fmt: skip
     name = f"{length / 1000:g} km" if length >= 1000 else f"{length:g} m"
-    ax.text(0.04 + 0.5 * share, 0.065, name, ha="center", fontsize=8,
-            transform=ax.transAxes)  # fmt: skip
+    ax.text(0.04 + 0.5 * share, 0.065, name, ha="center", fontsize=8, transform=ax.transAxes)
     return ax
 
 
@@ -138,9 +131,7 @@ def _draw_tracks(scene: Scene, fit: ReportedPassage, ax: Axes, reach_m: float) -
         near &= np.abs(track.time_s - fit.time_s) < 6.0 * fit.width_s
         if not near.any():
             continue
-        ax.plot(
-            east[near], north[near], ".-", ms=3, lw=0.8, color=style.MEASURED, alpha=0.8
-        )
+        ax.plot(east[near], north[near], ".-", ms=3, lw=0.8, color=style.MEASURED, alpha=0.8)
         row = int(np.argmin(np.where(near, np.hypot(east, north), np.inf)))
         place = np.array([east[row], north[row]])
         style.name_place(ax, place, f"AIS {track.vessel}", style.MEASURED, (4, 4))
@@ -180,9 +171,7 @@ def draw_sensor_map(scenes: Sequence[Scene], ax: Axes, ratio: float) -> Axes:
     return furnish(ax)
 
 
-def sensor_places(
-    sensors: list[Sensor], fixes: Fixes | None
-) -> dict[str, tuple[float, float]]:
+def sensor_places(sensors: list[Sensor], fixes: Fixes | None) -> dict[str, tuple[float, float]]:
     """Return the positions of sensors on the grid of the fixes, m.
 
     ``sensors``: the sensors; without latitude and longitude their own grid is taken.
@@ -197,10 +186,7 @@ def sensor_places(
     origin = next(iter(known.values()))
     if fixes is not None and fixes.origin_latitude is not None:
         origin = Origin(fixes.origin_latitude, fixes.origin_longitude or 0.0)
-    return {
-        name: to_grid(where.latitude, where.longitude, origin)
-        for name, where in known.items()
-    }
+    return {name: to_grid(where.latitude, where.longitude, origin) for name, where in known.items()}
 
 
 def _draw_fixes(scene: Scene, fixes: Fixes, ax: Axes) -> None:

@@ -24,11 +24,7 @@ from uwtrack_cli.data.truth import VesselTrack
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.atomic import atomic_target, check_target
 from uwtrack_cli.files.hdf5.layout import sensor_of
-from uwtrack_cli.plotting.analysis_pages import (
-    decision_figure,
-    target_figure,
-    target_motion_figure,
-)
+from uwtrack_cli.plotting.analysis_pages import decision_figure, target_figure, target_motion_figure
 from uwtrack_cli.plotting.layout import alternative_text
 from uwtrack_cli.plotting.passage_page import passage_figure
 from uwtrack_cli.plotting.recording_page import recording_figure
@@ -56,10 +52,7 @@ class Page(NamedTuple):
     """Number of the passage, by time from 1; None if it is of none."""
 
 
-def scenes_of(
-    containers: Sequence[Container],
-    tracks: Sequence[VesselTrack] = (),
-) -> list[Scene]:
+def scenes_of(containers: Sequence[Container], tracks: Sequence[VesselTrack] = ()) -> list[Scene]:
     """Return what belongs to each sensor; everything, where there are no sensors.
 
     ``containers``: containers of one recording, or of several sensors. ``tracks``: tracks
@@ -71,10 +64,7 @@ def scenes_of(
 
 
 def pages_of(
-    containers: Sequence[Container],
-    tracks: Sequence[VesselTrack] = (),
-    *,
-    is_demon: bool = False,
+    containers: Sequence[Container], tracks: Sequence[VesselTrack] = (), *, is_demon: bool = False
 ) -> list[Page]:
     """Return the pages that containers have, that of the whole first.
 
@@ -117,9 +107,8 @@ def pages_of(
 
 
 def choose_pages(
-    pages: Sequence[Page], contact: int | None, sensor: str | None,
-    passage: int | None = None,
-) -> list[Page]:  # fmt: skip
+    pages: Sequence[Page], contact: int | None, sensor: str | None, passage: int | None = None
+) -> list[Page]:
     """Return the pages of a contact, passage and sensor; without them, every one.
 
     Raises
@@ -211,10 +200,7 @@ def write_pages(
     check_picture(output, overwrite=overwrite)
     form = output.suffix[1:].lower()
     figures = [page.draw(view) for page in (pages if form == "pdf" else pages[:1])]
-    with (
-        atomic_target(output, overwrite=overwrite) as temporary,
-        temporary.open("wb") as file,
-    ):
+    with atomic_target(output, overwrite=overwrite) as temporary, temporary.open("wb") as file:
         if form != "pdf":
             save_figure(figures[0], file, form, view.dpi or DPI)
             return

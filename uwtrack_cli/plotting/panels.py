@@ -109,9 +109,9 @@ def lofargram_parts(scene: Scene) -> list[PagePart]:
     part = None if view.band_hz is not None else lines_part(lines, axis)
     window_s = None if held is None else held.frames.window_s
     whole = (LONE_IN if lines else WHOLE_IN, axis, lines, None)
-    shown = [whole] if part is None else [
-        (WHOLE_IN, axis, [], None), (PART_IN, part, lines, window_s)
-    ]  # fmt: skip
+    shown = (
+        [whole] if part is None else [(WHOLE_IN, axis, [], None), (PART_IN, part, lines, window_s)]
+    )
     return [
         PagePart(height, partial(_draw_lofargram, scene, found, axis, own))
         for height, axis, own, window_s in shown
@@ -161,9 +161,7 @@ def why_coarse(scene: Scene) -> str:
     return f"drawn from the overview: {own.name} is not beside the product"
 
 
-def picture_of(
-    scene: Scene, axis: FrequencyAxis, window_s: float | None = None
-) -> Picture | None:
+def picture_of(scene: Scene, axis: FrequencyAxis, window_s: float | None = None) -> Picture | None:
     """Return a span of the sound over its floor, else of the overview; None without.
 
     ``window_s``: length of a window; None: as the length of the sound asks for.
@@ -181,9 +179,8 @@ def picture_of(
 
 
 def _draw_lofargram(
-    scene: Scene, picture: Picture | None, axis: FrequencyAxis,
-    lines: Sequence[Outlined], ax: Axes,
-) -> None:  # fmt: skip
+    scene: Scene, picture: Picture | None, axis: FrequencyAxis, lines: Sequence[Outlined], ax: Axes
+) -> None:
     """Draw a picture with lines as outlines; of many without a passage, their ends."""
     if picture is None:
         axis.set_axis(style.calm(ax))
@@ -250,9 +247,7 @@ def lines_part(lines: Sequence[Outlined], axis: FrequencyAxis) -> FrequencyAxis 
     return part if is_small and part.low_hz < part.high_hz else None
 
 
-def _outline(
-    line: Outlined, axis: FrequencyAxis, ax: Axes, *, is_over: bool = True
-) -> None:
+def _outline(line: Outlined, axis: FrequencyAxis, ax: Axes, *, is_over: bool = True) -> None:
     """Draw a line in the colour of its passage; over a picture an edge on either side."""
     inside = style.within(line.frequency_hz, (axis.low_hz, axis.high_hz))
     frequency = np.where(inside, line.frequency_hz, np.nan)
@@ -334,9 +329,7 @@ def presence_part(scene: Scene) -> list[PagePart]:
     return [PagePart(0.28 + 0.17 * len(order), draw)] if order else []
 
 
-def _draw_bars(
-    presence: Presence, rows: list[int], number: int, place: int, ax: Axes
-) -> None:
+def _draw_bars(presence: Presence, rows: list[int], number: int, place: int, ax: Axes) -> None:
     """Draw segments in a row, those that overlap as one, with the longest's spacing."""
     color, span_s = style.contact_color(number), ax.get_xlim()
     length_s, bars = float(np.ptp(span_s)), list[tuple[float, float, list[int]]]()
@@ -441,19 +434,14 @@ def _quantiles(time_s: FloatArray, values: FloatArray) -> FloatArray:
     """Return middles of blocks of as many frames, and quantiles of values in each."""
     size = -(-time_s.size // LEVEL_BLOCKS)
     blocks = np.split(np.arange(time_s.size), range(size, time_s.size, size))
-    found = np.array([[time_s[b].mean(), *np.quantile(values[b], LEVEL_QUANTILES)]
-                      for b in blocks])  # fmt: skip
+    found = np.array([[time_s[b].mean(), *np.quantile(values[b], LEVEL_QUANTILES)] for b in blocks])
     steps = np.diff(found[:, 0], prepend=found[0, 0])
     found[steps > 3 * np.median(steps), 1:] = np.nan  # a gap in the sound
     return found.T
 
 
 def _draw_level_fit(
-    scene: Scene,
-    fit: ReportedPassage,
-    time_s: FloatArray,
-    level_db: FloatArray,
-    ax: Axes,
+    scene: Scene, fit: ReportedPassage, time_s: FloatArray, level_db: FloatArray, ax: Axes
 ) -> None:
     """Draw the vessels over the background, with the deviation of the one's level."""
     every = [one for one in passages_of(scene) if one.has_level]
@@ -463,8 +451,7 @@ def _draw_level_fit(
     background = others + max(float(np.nanmedian(left)), 0.0)
     half = style.BAND_DEVIATIONS * np.nan_to_num(fit.value("received_level_std_db"))
     middle, low, high = (
-        10 * np.log10(fit.power(grid) * 10 ** (add / 10) + background)
-        for add in (0.0, -half, half)
+        10 * np.log10(fit.power(grid) * 10 ** (add / 10) + background) for add in (0.0, -half, half)
     )
     ax.plot(grid, middle, color=color, lw=1.1)
     ax.fill_between(grid, low, high, color=color, alpha=0.25, lw=0)
@@ -502,10 +489,7 @@ def bearing_part(scene: Scene, fit: ReportedPassage | None = None) -> list[PageP
             ax.plot(time_s[thin], bearing[thin], ".", ms=2.4, color=color, alpha=0.4,
                     mec="none", rasterized=True)  # fmt: skip
         if fit is not None and fitted is not None:
-            half, color = (
-                style.BAND_DEVIATIONS * fitted[1],
-                style.contact_color(fit.number),
-            )
+            half, color = (style.BAND_DEVIATIONS * fitted[1], style.contact_color(fit.number))
             style.draw_band(ax, grid, style.broken_bearing(fitted[0]), half, color)
         ax.set(ylim=(0.0, 360.0), yticks=range(0, 361, 90))
 
@@ -527,8 +511,7 @@ def contact_bearings(
             number = scene.number(contact) or contact
             yield contact, number, *(one[own] for one in columns)
     if lines is not None:
-        columns = (lines.time_s, lines.measured_bearing_deg,
-                   lines.measured_bearing_std_deg)  # fmt: skip
+        columns = (lines.time_s, lines.measured_bearing_deg, lines.measured_bearing_std_deg)
         for name, contact in zip(lines.line_id, lines.line_contact, strict=True):
             if contact > 0:
                 own = lines.line == name

@@ -183,13 +183,9 @@ class ReportedPassage:
         sizes = {
             unknowns.STEP: [known("frequency_change")],
             unknowns.RAMP: [known("frequency_slope_per_s"), 0.0],
-            unknowns.TURN: [
-                np.radians(known("turn_away_deg")), known("turn_duration_s"), 0.0
-            ],
-            unknowns.MANOEUVRE: [
-                other * np.cos(angle) - theta[2], -other * turn * np.sin(angle)
-            ],
-        }  # fmt: skip
+            unknowns.TURN: [np.radians(known("turn_away_deg")), known("turn_duration_s"), 0.0],
+            unknowns.MANOEUVRE: [other * np.cos(angle) - theta[2], -other * turn * np.sin(angle)],
+        }
         at_s = known("change_time_s")
         kind = next((k for k, v in sizes.items() if np.isfinite(v).all()), None)
         sign = 1.0 if known("change_follows") or kind == unknowns.STEP else -1.0
@@ -310,16 +306,12 @@ def fact_lines(row: Row, units: Units) -> list[tuple[str, str]]:
         found.append(("probability", f"{row['probability']:.2f} that it passes"))
         chance, other = row.get("alternative_probability"), _otherwise(row)
         if other and (chance is None or chance >= LEAST_CHANCE):
-            found.append(
-                ("else", other + ("" if chance is None else f", {chance:.2f}"))
-            )
+            found.append(("else", other + ("" if chance is None else f", {chance:.2f}")))
     if row["misfit"] is not None:
         left = f"{100 * row['misfit']:.0f} % of the shift unexplained"
         follows = row["misfit"] < MARKED_MISFIT
         found.append(("lines", "follow the fit" if follows else left))
-    rest = ", ".join(
-        f"{f:.2f}" for f in sorted(filter(None, row["rest_frequencies_hz"]))
-    )
+    rest = ", ".join(f"{f:.2f}" for f in sorted(filter(None, row["rest_frequencies_hz"])))
     found.append(("at rest", rest and f"{rest} Hz"))
     if row.get("motion_model") not in {None, "straight"}:  # as in the table
         weight = Head("", "motion_model_probability", 2).text(row)

@@ -78,15 +78,10 @@ def passage_figure(scene: Scene, row: int, view: View) -> Figure:
         *panels.level_part(scene, fit),
         *panels.bearing_part(scene, fit),
     ]
-    has_map = bool(np.isfinite(fit.range_m)) and (
-        view.is_wide or view.height_in is None
-    )
+    has_map = bool(np.isfinite(fit.range_m)) and (view.is_wide or view.height_in is None)
     marked = [part._replace(draw=partial(_draw_marked, part, fit))
               for part in layout.fitting(parts, view)]  # fmt: skip
-    heads, left = (
-        _heads(fit, view),
-        layout.timed(marked, view, scene.clock, scene.span_s),
-    )
+    heads, left = (_heads(fit, view), layout.timed(marked, view, scene.clock, scene.span_s))
     if view.is_wide and (has_map or view.stands_alone):
         side = partial(_fill_side, scene, fit, has_map=has_map)
         widths = (2.25 if has_map else 3.0, 1.0)
@@ -141,9 +136,7 @@ def _best_lines(fit: ReportedPassage, view: View) -> IntArray:
     return np.asarray(best[np.argsort(-frequency[best], kind="stable")])
 
 
-def _draw_strip(
-    scene: Scene, fit: ReportedPassage, rest_row: int, name: str, ax: Axes
-) -> None:
+def _draw_strip(scene: Scene, fit: ReportedPassage, rest_row: int, name: str, ax: Axes) -> None:
     """Draw a line: its sound, else the overview or what was measured; and its fit."""
     rest = float(fit.encounters.rest_frequency_hz[rest_row])
     sweep = rest * fit.mach / fit.width_s  # Hz/s, at closest approach
@@ -277,9 +270,7 @@ def _block_means(
     return middle, mean, np.sqrt(scatter) / total
 
 
-def _fill_side(
-    scene: Scene, fit: ReportedPassage, side: SubFigure, *, has_map: bool
-) -> None:
+def _fill_side(scene: Scene, fit: ReportedPassage, side: SubFigure, *, has_map: bool) -> None:
     """Fill the side of the page: the map, and the numbers where the page stands alone."""
     shares = [1.25] * has_map + [1.0] * scene.view.stands_alone
     grid = side.subplots(len(shares), 1, height_ratios=shares, squeeze=False)[:, 0]

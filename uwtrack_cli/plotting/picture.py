@@ -259,9 +259,7 @@ def plan_frames(
     return axis, [*parts, _frames(recording, axis, usual_s, slice(first, axis.rows))]
 
 
-def _frames(
-    recording: Recording, axis: FrequencyAxis, window_s: float, rows: slice
-) -> Framing:
+def _frames(recording: Recording, axis: FrequencyAxis, window_s: float, rows: slice) -> Framing:
     rate_hz = recording.sample_rate_hz
     column_s = recording.duration_s / (COLUMNS * axis.rows / ROWS)
     count = max(1, math.ceil(column_s / (0.5 * window_s)))
@@ -305,8 +303,7 @@ def sound_picture(
     ``axis``, ``parts``: as `plan_frames` gives them. ``is_strongest``: whether a cell is
     the strongest frequency that it covers, not their mean.
     """
-    found = [_columns(recording, p, axis, progress, is_strongest=is_strongest)
-             for p in parts]  # fmt: skip
+    found = [_columns(recording, p, axis, progress, is_strongest=is_strongest) for p in parts]
     time_s = found[-1][0]
     density = np.full((time_s.size, axis.rows), np.nan)
     for part, (own_s, own) in zip(parts, found, strict=True):
@@ -353,9 +350,7 @@ def _columns(
     return time_s[drawn] / n_frames[drawn], density[drawn]
 
 
-def _mean_rows(
-    density: FloatArray, frequency_hz: FloatArray, edges_hz: FloatArray
-) -> FloatArray:
+def _mean_rows(density: FloatArray, frequency_hz: FloatArray, edges_hz: FloatArray) -> FloatArray:
     """Return the mean density between edges, that of a cell being the same all over it."""
     cells = cell_edges(frequency_hz)
     power = np.zeros((len(density), cells.size))  # below each edge of a cell
@@ -407,9 +402,7 @@ def over_floor(level_db: FloatArray, least: FloatArray | int = 0) -> FloatArray:
     # as many on both sides, so that a steep ambient spectrum does not tilt the floor
     both = np.minimum(number, quiet.size - 1 - number)
     reach = np.maximum(FEWEST_NEIGHBOURS, np.minimum(reach, both))
-    near = (
-        quiet[max(0, k - r) : k + r + 1] for k, r in zip(number, reach, strict=True)
-    )
+    near = (quiet[max(0, k - r) : k + r + 1] for k, r in zip(number, reach, strict=True))
     return np.asarray(level_db - np.array(list(map(np.median, near))))
 
 
@@ -426,10 +419,7 @@ def overview_picture(overview: Overview, axis: FrequencyAxis, span_s: Span) -> P
 
 
 def lofargram(
-    recording: Recording,
-    axis: FrequencyAxis,
-    span_s: Span,
-    window_s: float | None = None,
+    recording: Recording, axis: FrequencyAxis, span_s: Span, window_s: float | None = None
 ) -> Picture | None:
     """Return a span of the sound over its noise floor; None where it is too short.
 
@@ -480,9 +470,7 @@ def shades(relative_db: FloatArray) -> tuple[float, float]:
     return dark, dark + float(np.clip(top - dark, LEAST_SPAN_DB, MOST_SPAN_DB))
 
 
-def cell_edges(
-    middle: FloatArray, span: Span | None = None, width: float = 1.0
-) -> FloatArray:
+def cell_edges(middle: FloatArray, span: Span | None = None, width: float = 1.0) -> FloatArray:
     """Return the edges of cells whose middles are known.
 
     ``middle``: middles of the cells, in order. ``span``: what is shown: the first cell

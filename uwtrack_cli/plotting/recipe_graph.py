@@ -15,11 +15,7 @@ _COLUMN, _ROW = 2.5, 0.85
 
 
 def draw_recipe_graph(
-    edges: Sequence[tuple[str, str, str]],
-    title: str,
-    output: Path,
-    *,
-    overwrite: bool = False,
+    edges: Sequence[tuple[str, str, str]], title: str, output: Path, *, overwrite: bool = False
 ) -> None:
     """Draw which step of a recipe reads which.
 

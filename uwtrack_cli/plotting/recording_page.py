@@ -27,11 +27,7 @@ from uwtrack_cli.files.tables.json_rows import json_rows
 from uwtrack_cli.files.tables.presence_words import presence_sentences
 from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.plotting import bearing_time, layout, panels, passage, style
-from uwtrack_cli.plotting.analysis_pages import (
-    draw_motion_map,
-    measured_from,
-    motion_states,
-)
+from uwtrack_cli.plotting.analysis_pages import draw_motion_map, measured_from, motion_states
 from uwtrack_cli.plotting.layout import HeadLine, PagePart
 from uwtrack_cli.plotting.maps import draw_sensor_map, has_sensor_map
 from uwtrack_cli.plotting.passage import ReportedPassage
@@ -74,9 +70,7 @@ def recording_figure(scenes: Sequence[Scene], view: View) -> Figure:
     return layout.page_figure(_heads(scenes), view, blocks)
 
 
-def _below(
-    scenes: Sequence[Scene], ratio: float
-) -> Callable[[SubFigure], object] | None:
+def _below(scenes: Sequence[Scene], ratio: float) -> Callable[[SubFigure], object] | None:
     """Return what is drawn below the panels over time: a map, or peaks of an array."""
     first = scenes[0]
     motions, record = first.first(Motions), first.first(BearingTime)
@@ -167,9 +161,8 @@ def _parts(scene: Scene, count: int) -> list[PagePart]:
 
 
 def _draw_marked(
-    part: PagePart, fits: Sequence[ReportedPassage], name: str | None, is_first: bool,
-    ax: Axes,
-) -> None:  # fmt: skip
+    part: PagePart, fits: Sequence[ReportedPassage], name: str | None, is_first: bool, ax: Axes
+) -> None:
     """Draw a panel with the passages marked, the first one with numbers and name."""
     part.draw(ax)
     for fit in (fit for fit in fits if np.isfinite(fit.marked_s)):

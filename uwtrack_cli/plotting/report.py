@@ -81,9 +81,7 @@ def _result(product: Product, report: Report) -> str:
     recordings = [(one.name, one) for one in report.all(Recording)]
     looks, n = suggestions(stages, recordings, encounters), len(report.passages)
     if report.all(Presence):
-        words = presence_sentences(
-            report.rows(Presence), is_passed=n > 0, suggestions=looks
-        )
+        words = presence_sentences(report.rows(Presence), is_passed=n > 0, suggestions=looks)
     if n:
         return "; ".join([f"{n} passage{'' if n == 1 else 's'}", *words])
     return "; ".join(words or ["no closest approach", *looks])
@@ -106,9 +104,7 @@ def warnings_of(report: Report) -> list[str]:
                 f"sample; run again with --start-utc or --time-pattern."
             )
         if one.sensor.full_scale_upa is None:
-            found.append(
-                f"{one.name}: not calibrated: levels are relative to full scale."
-            )
+            found.append(f"{one.name}: not calibrated: levels are relative to full scale.")
     return found + [m.statement for m in report.all(Motions) if m.statement]
 
 

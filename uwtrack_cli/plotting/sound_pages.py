@@ -125,9 +125,7 @@ def _facts(recording: Recording, frames: list[picture.Framing]) -> str:
 def _limits(known_db: FloatArray, range_db: float | None) -> tuple[float, float]:
     """Return the levels of the darkest and the brightest colour."""
     known_db = known_db[known_db > -2999.0]  # digital silence has no level
-    dark, bright = (
-        np.quantile(known_db, [QUIET_SHARE, BRIGHT_SHARE]) if known_db.size else (0, 0)
-    )
+    dark, bright = np.quantile(known_db, [QUIET_SHARE, BRIGHT_SHARE]) if known_db.size else (0, 0)
     if range_db is None:
         range_db = float(np.clip(bright - dark, LEAST_RANGE_DB, MOST_RANGE_DB))
     return float(bright) - range_db, float(bright)
@@ -174,9 +172,7 @@ def demon_figure(scene: Scene, view: View) -> Figure:
     heads = [HeadLine(layout.span_title(span_s, scene.clock, [*names, "DEMON"]))]
     heads += [HeadLine(shaft.words, number=shaft.number) for shaft in shafts]
     if not shafts:
-        heads.append(
-            HeadLine("no shaft was found; 'uwtrack run --recipe presence' seeks one")
-        )
+        heads.append(HeadLine("no shaft was found; 'uwtrack run --recipe presence' seeks one"))
     inside = style.within(envelope.time_s, span_s)
     power = 10.0 ** (picture.overview_levels(envelope)[inside] / 10.0)
     mean_db = 10.0 * np.log10(np.nanmean(power, axis=0, keepdims=True))
@@ -204,9 +200,7 @@ def demon_figure(scene: Scene, view: View) -> Figure:
 
         gram = [PagePart(GRAM_IN, draw)]
     lower = layout.timed(gram, view, scene.clock, span_s)
-    return layout.page_figure(
-        heads, view, [PagePart(SPECTRUM_IN + 0.4, spectrum), lower]
-    )
+    return layout.page_figure(heads, view, [PagePart(SPECTRUM_IN + 0.4, spectrum), lower])
 
 
 def _of_sound(scene: Scene) -> Overview:

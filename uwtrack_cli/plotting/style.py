@@ -124,9 +124,8 @@ def calm(ax: Axes, label: str | None = None) -> Axes:
 
 
 def draw_band(
-    ax: Axes, x: FloatArray, middle: FloatArray, half: FloatArray, color: str,
-    **line: Any,
-) -> None:  # fmt: skip
+    ax: Axes, x: FloatArray, middle: FloatArray, half: FloatArray, color: str, **line: Any
+) -> None:
     """Draw a curve with a band of half a width on either side of it."""
     ax.plot(x, middle, color=color, **{"lw": 0.9, **line})
     ax.fill_between(x, middle - half, middle + half, color=color, alpha=0.25, lw=0)
@@ -266,9 +265,7 @@ def draw_arrow(
     )  # fmt: skip
 
 
-def name_place(
-    ax: Axes, place: FloatArray, name: str, color: str, offset: tuple[int, int]
-) -> None:
+def name_place(ax: Axes, place: FloatArray, name: str, color: str, offset: tuple[int, int]) -> None:
     """Write a name beside a place of a map, so many points to the right and up."""
     ax.annotate(
         figure_text(name), (float(place[0]), float(place[1])), xytext=offset,

@@ -270,9 +270,7 @@ class Scene:
     def clock(self) -> Clock:
         """The clock of its recording."""
         owners = (getattr(c, "frames", c) for c in self.all(Container))
-        starts = [
-            getattr(one, "start_utc_ns", None) for one in (self.recording, *owners)
-        ]
+        starts = [getattr(one, "start_utc_ns", None) for one in (self.recording, *owners)]
         return Clock(next((start for start in starts if start is not None), None))
 
     @property

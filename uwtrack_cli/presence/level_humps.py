@@ -97,9 +97,7 @@ def level_humps(levels: Levels) -> list[SoundSegment]:
     return found
 
 
-def _bins(
-    levels: Levels,
-) -> tuple[FloatArray, FloatArray, FloatArray, IntArray] | None:
+def _bins(levels: Levels) -> tuple[FloatArray, FloatArray, FloatArray, IntArray] | None:
     """Return time, excess and tilt of the bins, and their first frames."""
     n_frames = levels.frames.n_frames
     span_s = n_frames * levels.frames.hop_s
@@ -127,11 +125,7 @@ def _runs(above: BoolArray) -> list[tuple[int, int]]:
 
 
 def _kind(
-    time_s: FloatArray,
-    excess: FloatArray,
-    run: tuple[int, int],
-    height: float,
-    tilt: float,
+    time_s: FloatArray, excess: FloatArray, run: tuple[int, int], height: float, tilt: float
 ) -> tuple[str, str]:
     first, last = run
     is_tilted = tilt > max(RAIN_TILT_DB, RAIN_TILT_SHARE * height)

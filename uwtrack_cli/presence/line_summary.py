@@ -79,8 +79,7 @@ def summarise(lines: Lines) -> LineSummary:
         own = max(scatter / n_free, overlap / float(weight.sum()))
         deviation = max(float(np.sqrt(own)), LEAST_STD_WINDOWS * resolution_hz)
         bearing = _mean_bearing(
-            lines.measured_bearing_deg[points][used],
-            lines.measured_bearing_std_deg[points][used],
+            lines.measured_bearing_deg[points][used], lines.measured_bearing_std_deg[points][used]
         )
         rows.append((
             mean, deviation, float(lines.time_s[begin]), float(lines.time_s[end - 1]),
@@ -88,9 +87,7 @@ def summarise(lines: Lines) -> LineSummary:
         ))  # fmt: skip
         keep.append(k)
         resolutions.append(resolution_hz)
-    columns = dict(
-        zip(MEASURED, np.array(rows, float).reshape(len(rows), 7).T, strict=True)
-    )
+    columns = dict(zip(MEASURED, np.array(rows, float).reshape(len(rows), 7).T, strict=True))
     number = {int(name): row for row, name in enumerate(lines.families.family)}
     family = [number.get(int(name), -1) for name in lines.line_family[keep]]
     return LineSummary(

@@ -83,9 +83,7 @@ class _Passage(NamedTuple):
         reach_hz = (SAME_LINE_SHARE + self.speed_share_std) * expected_hz
         reach_hz += SAME_LINE * tones.resolution_hz[:, None]
         reach_s = max(LEAST_LINE_S, LINE_WIDTHS * self.width_s)
-        near = (tones.from_s < self.time_s + reach_s) & (
-            tones.to_s > self.time_s - reach_s
-        )
+        near = (tones.from_s < self.time_s + reach_s) & (tones.to_s > self.time_s - reach_s)
         off_hz = np.abs(tones.frequency_hz[:, None] - expected_hz)
         matched: BoolArray = near[:, None] & (off_hz < reach_hz)
         return matched
@@ -101,8 +99,7 @@ def mark_passages(table: Encounters, found: list[SoundSegment]) -> None:
         own = [
             one
             for one in found
-            if _has_lines(one, passage)
-            or (_is_free_rise(one) and one.overlaps(*middle))
+            if _has_lines(one, passage) or (_is_free_rise(one) and one.overlaps(*middle))
         ]
         for one in own:
             one.kind = VESSEL
@@ -152,9 +149,7 @@ def _tones(segments: Sequence[SoundSegment]) -> list[LineSummary]:
     return [one.tones for one in segments if one.tones is not None]
 
 
-def _loose_lines(
-    found: list[SoundSegment], passage: _Passage
-) -> tuple[list[LineSummary], float]:
+def _loose_lines(found: list[SoundSegment], passage: _Passage) -> tuple[list[LineSummary], float]:
     """Take the passage's lines out of those that nothing joins, with their chance."""
     taken: list[LineSummary] = []
     chance = 1.0
@@ -195,9 +190,7 @@ def add_refusals(table: Encounters, found: list[SoundSegment]) -> None:
             one.reason = reason
         is_explained = bool(lines) or _passes(table, from_s, to_s)
         if not own and not is_explained:
-            found.append(
-                SoundSegment(kind=UNKNOWN, from_s=from_s, to_s=to_s, reason=reason)
-            )
+            found.append(SoundSegment(kind=UNKNOWN, from_s=from_s, to_s=to_s, reason=reason))
 
 
 def add_readings(table: Encounters, found: list[SoundSegment]) -> None:
@@ -205,9 +198,7 @@ def add_readings(table: Encounters, found: list[SoundSegment]) -> None:
     read = {one.contact: one for one in table.still()}
     for segment in found:
         own = [read[contact] for contact in segment.contacts if contact in read]
-        is_whole = (
-            len(own) == len(segment.contacts) and len({o.reading for o in own}) == 1
-        )
+        is_whole = len(own) == len(segment.contacts) and len({o.reading for o in own}) == 1
         if segment.encounter or not is_whole:
             continue
         least = min(own, key=lambda one: one.weight)
@@ -215,7 +206,5 @@ def add_readings(table: Encounters, found: list[SoundSegment]) -> None:
 
 
 def _passes(table: Encounters, from_s: float, to_s: float) -> bool:
-    time_s = np.where(
-        np.isfinite(table.arrival_time_s), table.arrival_time_s, table.time_s
-    )
+    time_s = np.where(np.isfinite(table.arrival_time_s), table.arrival_time_s, table.time_s)
     return bool(((time_s >= from_s) & (time_s <= to_s)).any())

@@ -38,11 +38,7 @@ from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.presence.level_humps import level_humps
 from uwtrack_cli.presence.line_summary import LineSummary, common_bearing, summarise
-from uwtrack_cli.presence.passage_segments import (
-    add_readings,
-    add_refusals,
-    mark_passages,
-)
+from uwtrack_cli.presence.passage_segments import add_readings, add_refusals, mark_passages
 from uwtrack_cli.presence.segment import SoundSegment, make_presence
 from uwtrack_cli.presence.tonal_segments import tonal_segments
 
@@ -81,10 +77,7 @@ class RateFamily(NamedTuple):
 
 
 def rate_families(
-    rate_hz: FloatArray,
-    std_hz: FloatArray,
-    level_db: FloatArray,
-    resolution_hz: FloatArray,
+    rate_hz: FloatArray, std_hz: FloatArray, level_db: FloatArray, resolution_hz: FloatArray
 ) -> list[RateFamily]:
     """Group modulation rates by their shafts, most certain first.
 
@@ -118,9 +111,7 @@ def _best(
     free: IntArray,
 ) -> RateFamily | None:
     rate = rate_hz[free]
-    tolerance = np.maximum(
-        TOLERANCE_SIGMAS * std_hz[free], LEAST_TOLERANCE * resolution_hz[free]
-    )
+    tolerance = np.maximum(TOLERANCE_SIGMAS * std_hz[free], LEAST_TOLERANCE * resolution_hz[free])
     best: tuple[float, float, IntArray] | None = None
     for whole in rate:
         for parts in range(1, MOST_PARTS + 1):

@@ -106,22 +106,16 @@ class SoundSegment:
         """Return why values are missing, by key."""
         found = {} if self.encounter else {"encounter": self.reason}
         found |= {
-            name: text
-            for name, text in MISSING.items()
-            if not np.isfinite(getattr(self, name))
+            name: text for name, text in MISSING.items() if not np.isfinite(getattr(self, name))
         }
         if why := found.get("motion_model_probability"):
             found["motion_model"] = why
         return found
 
 
-def segment_of_lines(
-    kind: str, tones: LineSummary, chance: float, reason: str
-) -> SoundSegment:
+def segment_of_lines(kind: str, tones: LineSummary, chance: float, reason: str) -> SoundSegment:
     """Return the segment of lines, its chance in noise and why it is no passage."""
-    made = SoundSegment(
-        kind, np.nan, np.nan, probability_of_chance=chance, reason=reason
-    )
+    made = SoundSegment(kind, np.nan, np.nan, probability_of_chance=chance, reason=reason)
     made.hold(tones)
     return made
 
@@ -155,9 +149,7 @@ def make_presence(
         sensor=np.array([sensor for sensor, _ in pairs], np.str_),
         kind=np.array([one.kind for one in rows], np.str_),
         motion_model=np.array([one.motion_model for one in rows], np.str_),
-        alternative_motion_model=np.array(
-            [one.alternative_motion_model for one in rows], np.str_
-        ),
+        alternative_motion_model=np.array([one.alternative_motion_model for one in rows], np.str_),
         from_utc_ns=np.array(utc([one.from_s for one in rows]), np.int64),
         to_utc_ns=np.array(utc([one.to_s for one in rows]), np.int64),
         n_lines=np.array([len(one.frequencies_hz) for one in rows], np.int64),

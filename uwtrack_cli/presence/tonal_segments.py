@@ -95,11 +95,7 @@ class LineComb(NamedTuple):
 
 
 def fit_comb(
-    lines: LineSummary,
-    own: IntArray,
-    free: BoolArray,
-    spacing_hz: float,
-    offset_hz: float = 0.0,
+    lines: LineSummary, own: IntArray, free: BoolArray, spacing_hz: float, offset_hz: float = 0.0
 ) -> LineComb:
     """Fit a comb to the lines of a family, and to the free ones on its teeth.
 
@@ -165,8 +161,7 @@ def _parts(frequency_hz: FloatArray, spacing_hz: float, offset_hz: float) -> int
         hits = int((np.abs(miss_hz) <= TOOTH_SHARE * part_hz).sum())
         share = BETWEEN_SHARE
         chance = sum(
-            comb(count, k) * share**k * (1.0 - share) ** (count - k)
-            for k in range(hits, count + 1)
+            comb(count, k) * share**k * (1.0 - share) ** (count - k) for k in range(hits, count + 1)
         )
         if chance <= PART_CHANCE:
             return parts
@@ -288,8 +283,7 @@ def tonal_segments(trackers: Sequence[Lines]) -> list[SoundSegment]:
     free = np.ones(pool.lines.frequency_hz.size, np.bool_)
     told_hum = pool.lines.status == "hum"
     made = [
-        _family_segment(family, pool, free, told_hum)
-        for family in _joined_families(pool, used)
+        _family_segment(family, pool, free, told_hum) for family in _joined_families(pool, used)
     ]
     found = [one for one in made if one is not None]
     lines = pool.lines
@@ -392,13 +386,9 @@ def is_mains_comb(found: LineComb) -> bool:
 
 def _pool(trackers: Sequence[Lines], main: Lines) -> _Pool:
     parts = [summarise(lines) for lines in trackers]
-    chances = [
-        _chances(lines, part) for lines, part in zip(trackers, parts, strict=True)
-    ]
+    chances = [_chances(lines, part) for lines, part in zip(trackers, parts, strict=True)]
     order = [
-        (number, row)
-        for number, part in enumerate(parts)
-        for row in range(part.frequency_hz.size)
+        (number, row) for number, part in enumerate(parts) for row in range(part.frequency_hz.size)
     ]
     kept: list[tuple[int, int]] = []
     families: list[set[tuple[int, int]]] = []
@@ -439,9 +429,7 @@ def _twin(
         part = parts[other]
         reach = SAME_LINE * max(part.resolution_hz[there], own.resolution_hz[row])
         near = abs(part.frequency_hz[there] - own.frequency_hz[row]) < reach
-        together = (
-            part.from_s[there] <= own.to_s[row] and own.from_s[row] <= part.to_s[there]
-        )
+        together = part.from_s[there] <= own.to_s[row] and own.from_s[row] <= part.to_s[there]
         if near and together:
             return k
     return None

@@ -14,11 +14,7 @@ import numpy as np
 
 from uwtrack_cli.simulate.delay import Path
 from uwtrack_cli.simulate.scenario import Scenario, SensorPlan
-from uwtrack_cli.simulate.trajectories import (
-    Array,
-    sensor_trajectory,
-    vessel_trajectory,
-)
+from uwtrack_cli.simulate.trajectories import Array, sensor_trajectory, vessel_trajectory
 from uwtrack_cli.simulate.vessels import Vessel
 
 GRID = 60001
@@ -92,9 +88,7 @@ def _height(path: Path) -> float:
 def _opening(path: Path, time_s: Array) -> Array:
     """Return half the rate of the squared distance (its sign is what counts)."""
     here, there = path.receiver.at(time_s), path.source.at(time_s)
-    east, north, east_rate, north_rate = (
-        b - a for a, b in zip(here, there, strict=True)
-    )
+    east, north, east_rate, north_rate = (b - a for a, b in zip(here, there, strict=True))
     return np.asarray(east * east_rate + north * north_rate)
 
 

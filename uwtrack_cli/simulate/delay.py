@@ -96,17 +96,13 @@ class Path:
         rate = 1.0 - (1.0 + receding) / (1.0 - closing)
         return Delay(delay, rate, east_cosine, north_cosine)
 
-    def along(
-        self, first_sample: int, count: int, sample_rate_hz: float
-    ) -> "SampleDelay":
+    def along(self, first_sample: int, count: int, sample_rate_hz: float) -> "SampleDelay":
         """Return the travel time of consecutive samples.
 
         ``count`` is a multiple of `FIRST_STEP`, so that nodes fall on samples.
         """
         step, done = FIRST_STEP, False
-        values = self.solve(
-            (first_sample + np.arange(0, count + step, step)) / sample_rate_hz
-        )
+        values = self.solve((first_sample + np.arange(0, count + step, step)) / sample_rate_hz)
         while step > 1 and not done:
             middle = np.arange(step // 2, count, step)
             exact = self.solve((first_sample + middle) / sample_rate_hz)

@@ -33,17 +33,8 @@ from uwtrack_cli.simulate.disturbances import (
     Shrimp,
     Swell,
 )
-from uwtrack_cli.simulate.frequency_jitter import (
-    JitterSeries,
-    SpeedCourse,
-    draw_jitter,
-)
-from uwtrack_cli.simulate.noise import (
-    TILE,
-    Density,
-    NoiseGenerator,
-    shaping_filter,
-)
+from uwtrack_cli.simulate.frequency_jitter import JitterSeries, SpeedCourse, draw_jitter
+from uwtrack_cli.simulate.noise import TILE, Density, NoiseGenerator, shaping_filter
 from uwtrack_cli.simulate.scenario import Clicks, Hum, Noise, Recorder, Scenario
 from uwtrack_cli.simulate.trajectories import Array
 
@@ -64,9 +55,7 @@ def turn_dipoles(sound: Array, axes_rad: Array) -> Array:
     """Return omni, east and north as received by dipoles that are turned clockwise."""
     cosine, sine = np.cos(axes_rad), np.sin(axes_rad)
     omni, east, north = sound.T
-    return np.stack(
-        [omni, east * cosine - north * sine, east * sine + north * cosine], axis=1
-    )
+    return np.stack([omni, east * cosine - north * sine, east * sine + north * cosine], axis=1)
 
 
 def dipole_share(channel: int) -> float:
@@ -214,9 +203,7 @@ class ImpulseSound:
         gains = np.stack([np.ones(count), np.sin(bearing), np.cos(bearing)], axis=1)
         total = np.zeros((TILE + length, self.n_channels))
         total[: len(self._rest)] = self._rest
-        for begin, kind, gain in zip(
-            begins, kinds, peaks[:, None] * gains, strict=True
-        ):
+        for begin, kind, gain in zip(begins, kinds, peaks[:, None] * gains, strict=True):
             part = total[begin : begin + length]
             part += np.multiply.outer(self.waveforms[kind], gain[: self.n_channels])
         self._rest = total[TILE:].copy()
@@ -285,9 +272,7 @@ class MachineSound:
             return total
         ticks = time_s + sum(course.excess_s(time_s) for course in self.courses)
         for i, level_db in enumerate(self.plan.levels_db):
-            cycles = (i + 1) * self.plan.fundamental_hz * ticks[:, None] + self.phases[
-                i
-            ]
+            cycles = (i + 1) * self.plan.fundamental_hz * ticks[:, None] + self.phases[i]
             peak = np.sqrt(2.0) * 10.0 ** (level_db / 20.0)
             total += peak * np.cos(2.0 * np.pi * (cycles - np.floor(cycles)))
         return np.asarray(total * running[:, None] * self.gains)
@@ -327,9 +312,7 @@ def machine_sound(
     seed = (scenario.seed, 115, number)
     courses: list[JitterSeries | SpeedCourse] = []
     if plan.fraction > 0.0:
-        courses.append(
-            draw_jitter((*seed, 0), plan.fraction, plan.correlation_s, 0.0, last_s)
-        )
+        courses.append(draw_jitter((*seed, 0), plan.fraction, plan.correlation_s, 0.0, last_s))
     if plan.step_fraction > 0.0:
         courses.append(draw_steps((*seed, 1), plan, last_s))
     generator = np.random.default_rng((*seed, 2, sensor))
@@ -341,9 +324,7 @@ def machine_sound(
         bearing = np.radians(plan.bearing_deg)
         gains = np.array([1.0, np.sin(bearing), np.cos(bearing)])[:n_channels]
     switches = draw_switches((*seed, 3), plan, last_s)
-    return MachineSound(
-        plan, phases, gains, tuple(courses), switches, scenario.sample_rate_hz
-    )
+    return MachineSound(plan, phases, gains, tuple(courses), switches, scenario.sample_rate_hz)
 
 
 def draw_steps(seed: tuple[int, ...], plan: Machine, last_s: float) -> SpeedCourse:
@@ -357,9 +338,7 @@ def draw_steps(seed: tuple[int, ...], plan: Machine, last_s: float) -> SpeedCour
     for k in range(1, begins.size):  # a step begins after the one before has ended
         begins[k] = max(begins[k], begins[k - 1] + 2.0 * STEP_S)
     times = np.concatenate([[-1.0], np.stack([begins, begins + STEP_S], 1).ravel()])
-    values = np.concatenate(
-        [[speeds[0]], np.stack([speeds[:-1], speeds[1:]], 1).ravel()]
-    )
+    values = np.concatenate([[speeds[0]], np.stack([speeds[:-1], speeds[1:]], 1).ravel()])
     if times.size == 1:
         times, values = np.append(times, 0.0), np.repeat(values, 2)
     return SpeedCourse(times, values)
@@ -383,9 +362,7 @@ def draw_switches(seed: tuple[int, ...], plan: Machine, last_s: float) -> Array:
     return np.array(switches)
 
 
-def _poisson_times(
-    generator: np.random.Generator, mean_s: float, last_s: float
-) -> Array:
+def _poisson_times(generator: np.random.Generator, mean_s: float, last_s: float) -> Array:
     count = generator.poisson(last_s / mean_s)
     return np.sort(generator.random(count) * last_s)
 
@@ -524,9 +501,7 @@ def disturbances(
     def weather(density: Density, stream: int, envelope: Envelope) -> WeatherNoise:
         spectrum = shaping_filter(density, rate)
         channels = [
-            NoiseGenerator(
-                scenario.seed, (stream, sensor, c), dipole_share(c) * spectrum
-            )
+            NoiseGenerator(scenario.seed, (stream, sensor, c), dipole_share(c) * spectrum)
             for c in range(n_channels)
         ]
         return WeatherNoise(tuple(channels), envelope, rate)

@@ -8,22 +8,10 @@ seed of the scenario; what the ambient noise does is common to all sensors.
 from dataclasses import dataclass
 from typing import Annotated
 
-from uwtrack_cli.data.options import (
-    Above,
-    AtLeast,
-    AtMost,
-    Increasing,
-    OptionGroup,
-    Unit,
-)
+from uwtrack_cli.data.options import Above, AtLeast, AtMost, Increasing, OptionGroup, Unit
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.simulate.track_plans import Course, Moment
-from uwtrack_cli.simulate.vessels import (
-    CorrelationTime,
-    Frequency,
-    JitterFraction,
-    Level,
-)
+from uwtrack_cli.simulate.vessels import CorrelationTime, Frequency, JitterFraction, Level
 
 Duration = Annotated[float, Unit("s"), AtLeast(0.01), AtMost(1e6)]
 Rate = Annotated[float, Unit("1/min"), Above(0.0), AtMost(6000.0)]
@@ -107,9 +95,10 @@ class Knocks(OptionGroup):
     """Median peak pressure, dB re 1 uPa."""
     spread_db: Annotated[float, Unit("dB"), AtLeast(0.0), AtMost(30.0)] = 3.0
     """Standard deviation of the peak pressures, dB."""
-    band_hz: Annotated[
-        tuple[float, float], Unit("Hz"), AtLeast(1.0), AtMost(1e5), Increasing()
-    ] = (50.0, 400.0)
+    band_hz: Annotated[tuple[float, float], Unit("Hz"), AtLeast(1.0), AtMost(1e5), Increasing()] = (
+        50.0,
+        400.0,
+    )
     """Frequencies between which that of each knock is drawn, Hz."""
     decay_s: Annotated[float, Unit("s"), AtLeast(1e-3), AtMost(1.0)] = 0.1
     """Time in which the amplitude falls to 1/e, s."""

@@ -62,9 +62,7 @@ class SpeedCourse:
         step = np.diff(self.time_s)
         areas = 0.5 * step * (self.deviation[1:] + self.deviation[:-1])
         total = np.concatenate([[0.0], np.cumsum(areas)])
-        knot = np.clip(
-            np.searchsorted(self.time_s, time_s, side="right") - 1, 0, step.size - 1
-        )
+        knot = np.clip(np.searchsorted(self.time_s, time_s, side="right") - 1, 0, step.size - 1)
         past = np.clip(time_s - self.time_s[knot], 0.0, step[knot])
         slope = (self.deviation[knot + 1] - self.deviation[knot]) / step[knot]
         inside = total[knot] + past * (self.deviation[knot] + 0.5 * slope * past)
@@ -89,11 +87,7 @@ def gear_course(changes: tuple[GearChange, ...]) -> SpeedCourse | None:
 
 
 def draw_jitter(
-    seed: tuple[int, ...],
-    fraction: float,
-    correlation_s: float,
-    first_s: float,
-    last_s: float,
+    seed: tuple[int, ...], fraction: float, correlation_s: float, first_s: float, last_s: float
 ) -> JitterSeries:
     """Draw a series that covers the times from first to last.
 
@@ -108,6 +102,4 @@ def draw_jitter(
     walk = accumulate(white.tolist(), lambda last, new: decay * last + new)
     deviation = fraction * np.fromiter(walk, np.float64, count)
     areas = 0.5 * step * (deviation[:-1] + deviation[1:])
-    return JitterSeries(
-        first_s, step, deviation, np.concatenate([[0.0], np.cumsum(areas)])
-    )
+    return JitterSeries(first_s, step, deviation, np.concatenate([[0.0], np.cumsum(areas)]))

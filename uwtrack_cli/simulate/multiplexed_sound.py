@@ -75,9 +75,7 @@ def multiplexed_tiles(
 class _SmoothSound:
     """Sound of three channels, at any times that increase."""
 
-    def __init__(
-        self, plan: Multiplex, rate_hz: float, sound: Iterator[Samples]
-    ) -> None:
+    def __init__(self, plan: Multiplex, rate_hz: float, sound: Iterator[Samples]) -> None:
         from scipy.signal import firwin
 
         low_hz, high_hz = plan.band_hz
@@ -88,9 +86,7 @@ class _SmoothSound:
         n_taps = 2 * LOW_PASS_PERIODS * self._multiple + 1
         cut = 1.0 / self._multiple
         self._taps = self._multiple * firwin(n_taps, cut, window=("kaiser", 8.0))
-        self._order = [
-            ("east", "north").index(name.removeprefix("-")) for name in plan.dipoles
-        ]
+        self._order = [("east", "north").index(name.removeprefix("-")) for name in plan.dipoles]
         self._signs = [-1.0 if name.startswith("-") else 1.0 for name in plan.dipoles]
         self._sound = sound
         # what is held begins half a filter before the first sample
@@ -142,8 +138,7 @@ class _Radio:
         self._power = plan.pilot_amplitude**2
         # unit power below RADIO_HZ, rising as the square of the frequency
         spectrum = shaping_filter(
-            lambda f: np.where(f <= RADIO_HZ, 3.0 * f**2 / RADIO_HZ**3, 0.0),
-            plan.sample_rate_hz,
+            lambda f: np.where(f <= RADIO_HZ, 3.0 * f**2 / RADIO_HZ**3, 0.0), plan.sample_rate_hz
         )
         self._noise = NoiseGenerator(seed, (110, number), spectrum)
 

@@ -99,9 +99,7 @@ def delayed_filters(
     return found
 
 
-def white_spectrum(
-    seed: int, stream: tuple[int, ...], tile: int
-) -> NDArray[np.complex128]:
+def white_spectrum(seed: int, stream: tuple[int, ...], tile: int) -> NDArray[np.complex128]:
     """Return the spectrum of a tile of white noise with the tail of the one before."""
     before = white_tile(seed, stream, tile - 1)[-TAIL:]
     return np.fft.rfft(np.concatenate([before, white_tile(seed, stream, tile)]))
@@ -197,9 +195,7 @@ class ArrayNoise:
         n_nodes = int(np.ceil(0.5 * np.pi * rate * crossing_s)) + SPARE_NODES
         directions, weights = _plane_waves(n_nodes, is_line=bool(plan.element_along_m))
         delays_s = -(places_m @ directions.T) / scenario.sound_speed_mps
-        filters = delayed_filters(
-            lambda f: ambient_density(noise, f), rate, delays_s.ravel()
-        )
+        filters = delayed_filters(lambda f: ambient_density(noise, f), rate, delays_s.ravel())
         scaled = filters.reshape(*delays_s.shape, -1) * np.sqrt(0.5 * weights)[:, None]
         self._filters: NDArray[np.complex64] = np.ascontiguousarray(
             np.moveaxis(scaled, -1, 0), np.complex64
@@ -209,8 +205,7 @@ class ArrayNoise:
             density = 10.0 ** (plan.element_noise_db / 10.0)
             white = shaping_filter(lambda f: np.full_like(f, density), rate)
             self._own = [
-                NoiseGenerator(scenario.seed, (110, number, k), white)
-                for k in range(len(places_m))
+                NoiseGenerator(scenario.seed, (110, number, k), white) for k in range(len(places_m))
             ]
 
     def tile(self, number: int) -> Array:

@@ -42,11 +42,7 @@ from uwtrack_cli.simulate.noise import (
 )
 from uwtrack_cli.simulate.scenario import Noise, Scenario, SensorPlan
 from uwtrack_cli.simulate.sound import VesselSound, sound_at_elements, vessel_sound
-from uwtrack_cli.simulate.trajectories import (
-    Array,
-    sensor_trajectory,
-    track_trajectory,
-)
+from uwtrack_cli.simulate.trajectories import Array, sensor_trajectory, track_trajectory
 
 
 def simulate_recordings(scenario: Scenario) -> tuple[Recording, ...]:
@@ -80,9 +76,7 @@ def simulate_recordings(scenario: Scenario) -> tuple[Recording, ...]:
     >>> [block.shape for block in recording.reader(600)]
     [(600, 1), (400, 1)]
     """
-    return tuple(
-        _recording(scenario, number) for number in range(len(scenario.sensors))
-    )
+    return tuple(_recording(scenario, number) for number in range(len(scenario.sensors)))
 
 
 def _recording(scenario: Scenario, number: int) -> Recording:
@@ -255,9 +249,7 @@ class _SensorSound:
             return
         spectrum = shaping_filter(lambda f: ambient_density(noise, f), self.rate)
         self.ambient = [
-            NoiseGenerator(
-                scenario.seed, (100, number, channel), dipole_share(channel) * spectrum
-            )
+            NoiseGenerator(scenario.seed, (100, number, channel), dipole_share(channel) * spectrum)
             for channel in range(self.n_channels)
         ]
         self.gain = ambient_gain(scenario, noise)

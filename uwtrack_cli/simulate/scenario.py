@@ -11,14 +11,7 @@ from datetime import UTC, datetime
 from typing import Annotated, Literal
 
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.options import (
-    AtLeast,
-    AtMost,
-    Key,
-    OptionGroup,
-    Unit,
-    from_table,
-)
+from uwtrack_cli.data.options import AtLeast, AtMost, Key, OptionGroup, Unit, from_table
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.simulate.disturbances import (
     Gusts,
@@ -80,13 +73,9 @@ class SensorPlan(OptionGroup):
     """East on the local grid, m."""
     north_m: Coordinate = 0.0
     """North on the local grid, m."""
-    latitude: Annotated[float, Unit("degree"), AtLeast(-90.0), AtMost(90.0)] | None = (
-        None
-    )
+    latitude: Annotated[float, Unit("degree"), AtLeast(-90.0), AtMost(90.0)] | None = None
     """Latitude, degrees; goes with ``longitude``."""
-    longitude: (
-        Annotated[float, Unit("degree"), AtLeast(-180.0), AtMost(360.0)] | None
-    ) = None
+    longitude: Annotated[float, Unit("degree"), AtLeast(-180.0), AtMost(360.0)] | None = None
     """Longitude, degrees."""
     depth_m: Depth
     """Depth below the surface, m."""
@@ -96,9 +85,7 @@ class SensorPlan(OptionGroup):
     """Compass heading of the housing, degrees."""
     track: TrackPlan | None = None
     """Track of a moving sensor; None is fixed."""
-    full_scale_db: Annotated[float, Unit("dB"), AtLeast(0.0), AtMost(300.0)] | None = (
-        None
-    )
+    full_scale_db: Annotated[float, Unit("dB"), AtLeast(0.0), AtMost(300.0)] | None = None
     """Sound pressure of a full-scale sample, dB re 1 uPa."""
     is_calibrated: bool = True
     """Whether the owner knows it: else the sensor file does not state it."""
@@ -126,9 +113,7 @@ class SensorPlan(OptionGroup):
     """Standard deviation of that correction, s."""
     position_error_m: tuple[Coordinate, Coordinate] = (0.0, 0.0)
     """Stated minus true position, east and north, m."""
-    compass_error_deg: Annotated[
-        float, Unit("degree"), AtLeast(-180.0), AtMost(180.0)
-    ] = 0.0
+    compass_error_deg: Annotated[float, Unit("degree"), AtLeast(-180.0), AtMost(180.0)] = 0.0
     """Error that the compass correction leaves, degrees."""
     dipole_gain_errors: tuple[GainError, GainError] = (0.0, 0.0)
     """Relative error of the gain of each dipole, against the omni channel."""
@@ -151,8 +136,7 @@ class SensorPlan(OptionGroup):
             raise OptionError(msg)
         if (self.full_scale_db is None) == (None in calibration):
             msg = (
-                "give either sensitivity_db_re_v_per_upa, gain_db and adc_peak_v, or "
-                "full_scale_db."
+                "give either sensitivity_db_re_v_per_upa, gain_db and adc_peak_v, or full_scale_db."
             )
             raise OptionError(msg)
         if (self.latitude is None) != (self.longitude is None):
@@ -310,8 +294,7 @@ class Scenario(OptionGroup):
         if self.start_utc is not None:
             _epoch_ns(self.start_utc)
         deepest_m = max(
-            [one.depth_m for one in self.sensors]
-            + [one.source_depth_m for one in self.vessels]
+            [one.depth_m for one in self.sensors] + [one.source_depth_m for one in self.vessels]
         )
         if self.sea_bed is not None and self.sea_bed.depth_m < deepest_m:
             msg = (

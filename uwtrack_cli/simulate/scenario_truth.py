@@ -23,11 +23,7 @@ from uwtrack_cli.simulate.source_levels import (
     reference_range_m,
     tones,
 )
-from uwtrack_cli.simulate.trajectories import (
-    Trajectory,
-    sensor_trajectory,
-    vessel_trajectory,
-)
+from uwtrack_cli.simulate.trajectories import Trajectory, sensor_trajectory, vessel_trajectory
 from uwtrack_cli.simulate.vessels import Vessel
 
 FORMAT = "uwtrack-truth"
@@ -52,9 +48,7 @@ def truth(scenario: Scenario, sensor: str | None = None) -> dict[str, Any]:
         "sound_speed_mps": scenario.sound_speed_mps,
         "start_utc": scenario.start_utc,
         "sensors": [_sensor(scenario, plan) for plan in plans],
-        "vessels": [
-            _vessel(scenario, vessel, i) for i, vessel in enumerate(scenario.vessels, 1)
-        ],
+        "vessels": [_vessel(scenario, vessel, i) for i, vessel in enumerate(scenario.vessels, 1)],
         "encounters": [
             found
             for plan in plans
@@ -82,9 +76,7 @@ def _sensor(scenario: Scenario, plan: SensorPlan) -> dict[str, Any]:
     }
     if plan.kind == "array":
         facts["element_along_m"] = list(plan.element_along_m)
-        facts["element_positions_m"] = [
-            list(place) for place in plan.element_positions_m
-        ]
+        facts["element_positions_m"] = [list(place) for place in plan.element_positions_m]
     if plan.track is not None:
         facts["track"] = _track(sensor_trajectory(plan), scenario.duration_s)
     return facts
@@ -149,10 +141,7 @@ def _loss_db(vessel: Vessel, found: Approach) -> float:
 
 
 def _ratios(
-    noise: Noise | None,
-    lines: tuple[Tone, ...],
-    sound: BroadbandSource | None,
-    loss_db: float,
+    noise: Noise | None, lines: tuple[Tone, ...], sound: BroadbandSource | None, loss_db: float
 ) -> dict[str, Any]:
     """Return levels and ratios at closest approach (direct path alone)."""
     levels = [_db(0.5 * tone.amplitude_upa**2) - loss_db for tone in lines]

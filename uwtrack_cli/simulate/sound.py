@@ -30,12 +30,7 @@ from uwtrack_cli.simulate.frequency_jitter import (
 )
 from uwtrack_cli.simulate.noise import TILE, NoiseGenerator, shaping_filter
 from uwtrack_cli.simulate.scenario import Scenario, SeaBed, SensorPlan
-from uwtrack_cli.simulate.source_levels import (
-    BroadbandSource,
-    Tone,
-    broadband_source,
-    tones,
-)
+from uwtrack_cli.simulate.source_levels import BroadbandSource, Tone, broadband_source, tones
 from uwtrack_cli.simulate.trajectories import Array, array_place
 from uwtrack_cli.simulate.vessels import RAMP_S, Cavitation, Vessel
 
@@ -130,20 +125,14 @@ class VesselSound:
                 continue
             delay, east, north = path.along(first, TILE, self.sample_rate_hz)
             distance = delay * path.sound_speed_mps
-            spread = (
-                1.0 / distance if self.exponent == 1.0 else distance**-self.exponent
-            )
-            yield Arrival(
-                factor * spread * self._emitted(received_s - delay), east, north
-            )
+            spread = 1.0 / distance if self.exponent == 1.0 else distance**-self.exponent
+            yield Arrival(factor * spread * self._emitted(received_s - delay), east, north)
 
     def _is_silent(self, path: Path, ends_s: Array) -> bool:
         if self.sounding_s is None:
             return False
         emitted_s = ends_s - path.solve(ends_s).delay_s
-        return bool(
-            emitted_s[1] < self.sounding_s[0] or emitted_s[0] > self.sounding_s[1]
-        )
+        return bool(emitted_s[1] < self.sounding_s[0] or emitted_s[0] > self.sounding_s[1])
 
     def _emitted(self, time_s: Array) -> Array:
         total = np.zeros(time_s.size)
@@ -179,9 +168,7 @@ def images(scenario: Scenario, vessel: Vessel) -> list[tuple[float, float]]:
     return [one for one in found if one[0] != 0.0]
 
 
-def _bottom_images(
-    bed: SeaBed, depth_m: float, surface: float
-) -> list[tuple[float, float]]:
+def _bottom_images(bed: SeaBed, depth_m: float, surface: float) -> list[tuple[float, float]]:
     """Return share and depth, m, of the images that the bottom takes part in."""
     found = []
     for order in range(1, bed.orders + 1):
@@ -203,9 +190,7 @@ def vessel_sound(scenario: Scenario, number: int, plan: SensorPlan) -> VesselSou
         for share, depth_m in images(scenario, vessel)
     ]
     lines = tones(scenario, vessel)
-    speed_up = max(
-        (c.factor * (1.0 + c.revving) for c in vessel.gear_changes), default=1
-    )
+    speed_up = max((c.factor * (1.0 + c.revving) for c in vessel.gear_changes), default=1)
     _check_lines(lines, path, scenario, max(float(speed_up), 1.0))
     start_s = first_emission_s(scenario, vessel)
     phases = np.random.default_rng([scenario.seed, 200, number]).random(len(lines))
@@ -218,9 +203,7 @@ def vessel_sound(scenario: Scenario, number: int, plan: SensorPlan) -> VesselSou
         jitter=vessel_jitter(scenario, number, start_s),
         gears=gear_course(vessel.gear_changes),
         cavitation=None if vessel.broadband is None else vessel.broadband.cavitation,
-        broadband=_source_sound(
-            scenario, number, start_s, broadband_source(scenario, vessel)
-        ),
+        broadband=_source_sound(scenario, number, start_s, broadband_source(scenario, vessel)),
         sounding_s=vessel.sounding_s,
     )
 
@@ -278,9 +261,7 @@ def _ramp(time_s: Array, sounding_s: tuple[float, float]) -> Array:
     return np.asarray(np.sin(0.5 * np.pi * np.clip(inside / RAMP_S, 0.0, 1.0)) ** 2)
 
 
-def vessel_jitter(
-    scenario: Scenario, number: int, start_s: float
-) -> JitterSeries | None:
+def vessel_jitter(scenario: Scenario, number: int, start_s: float) -> JitterSeries | None:
     """Return the jitter of a vessel's lines, or None if they are steady."""
     plan = scenario.vessels[number].frequency_jitter
     if plan.fraction == 0.0:
@@ -319,21 +300,15 @@ def _source_sound(
 
     def prefiltered(frequency_hz: Array) -> Array:
         turn = 2.0 * np.pi * frequency_hz / (MULTIPLE * rate)
-        return np.asarray(
-            plan.density(frequency_hz) * (3.0 / (2.0 + np.cos(turn))) ** 2
-        )
+        return np.asarray(plan.density(frequency_hz) * (3.0 / (2.0 + np.cos(turn))) ** 2)
 
     spectrum = shaping_filter(prefiltered, rate, MULTIPLE)
     noise = NoiseGenerator(scenario.seed, (202, number), spectrum, MULTIPLE)
     return SourceSound(noise, start_s, MULTIPLE * rate)
 
 
-def _check_lines(
-    lines: tuple[Tone, ...], path: Path, scenario: Scenario, speed_up: float
-) -> None:
-    mach = (path.source.top_speed_mps + path.receiver.top_speed_mps) / (
-        scenario.sound_speed_mps
-    )
+def _check_lines(lines: tuple[Tone, ...], path: Path, scenario: Scenario, speed_up: float) -> None:
+    mach = (path.source.top_speed_mps + path.receiver.top_speed_mps) / (scenario.sound_speed_mps)
     if mach > 0.5:
         msg = f"speeds must stay below half the sound speed, got {mach:.2f} of it."
         raise OptionError(msg)

@@ -28,9 +28,7 @@ class Turn(OptionGroup):
     """Time at which the turn begins, s."""
     course_deg: Course
     """Course after the turn, compass degrees."""
-    rate_deg_per_s: Annotated[float, Unit("degree/s"), AtLeast(1e-3), AtMost(90.0)] = (
-        1.0
-    )
+    rate_deg_per_s: Annotated[float, Unit("degree/s"), AtLeast(1e-3), AtMost(90.0)] = 1.0
     """Rate of the turn, degrees per second."""
     speed_mps: Speed | None = None
     """Speed from the turn on, m/s; None keeps the speed."""

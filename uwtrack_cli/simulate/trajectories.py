@@ -121,10 +121,8 @@ def array_place(plan: SensorPlan, place_m: tuple[float, float, float]) -> Trajec
         known = plan.heading_deg + plan.compass_offset_deg
         heading = np.radians(known - plan.compass_error_deg)
         return fixed(
-            plan.east_m
-            + float(along_m * np.sin(heading) + starboard_m * np.cos(heading)),
-            plan.north_m
-            + float(along_m * np.cos(heading) - starboard_m * np.sin(heading)),
+            plan.east_m + float(along_m * np.sin(heading) + starboard_m * np.cos(heading)),
+            plan.north_m + float(along_m * np.cos(heading) - starboard_m * np.sin(heading)),
         )
     segments = track_trajectory(plan.track).segments
     speeds = {segment.speed_mps for segment in segments}
@@ -135,9 +133,7 @@ def array_place(plan: SensorPlan, place_m: tuple[float, float, float]) -> Trajec
         )
         raise OptionError(msg)
     later_s = (plan.tow_offset_m - along_m) / speeds.pop()
-    return Trajectory(
-        tuple(part._replace(start_s=part.start_s + later_s) for part in segments)
-    )
+    return Trajectory(tuple(part._replace(start_s=part.start_s + later_s) for part in segments))
 
 
 def vessel_trajectory(vessel: Vessel, scenario: Scenario) -> Trajectory:
@@ -167,15 +163,11 @@ def track_trajectory(track: TrackPlan) -> Trajectory:
     if track.course_deg is None:
         return _waypoint_trajectory(track)
     course = float(np.radians(track.course_deg))
-    first = Segment(
-        track.start_s, track.east_m, track.north_m, course, track.speed, 0.0
-    )
+    first = Segment(track.start_s, track.east_m, track.north_m, course, track.speed, 0.0)
     return Trajectory(_with_turns(first, track.turns))
 
 
-def _passage_leg(
-    passage: ClosestApproach, plan: SensorPlan, source_depth_m: float
-) -> Segment:
+def _passage_leg(passage: ClosestApproach, plan: SensorPlan, source_depth_m: float) -> Segment:
     east, north, _, _ = sensor_trajectory(plan).at(np.array(passage.time_s))
     course = float(np.radians(passage.course_deg))
     to_port = 1.0 if passage.side == "starboard" else -1.0  # where the vessel is
@@ -208,9 +200,7 @@ def _with_turns(first: Segment, turns: tuple[Turn, ...]) -> tuple[Segment, ...]:
         if turn.at_s < segments[-1].start_s:
             msg = f"the turn at {turn.at_s:g} s begins before the last one has ended."
             raise OptionError(msg)
-        change = (np.radians(turn.course_deg) - begin.course_rad + np.pi) % (
-            2 * np.pi
-        ) - np.pi
+        change = (np.radians(turn.course_deg) - begin.course_rad + np.pi) % (2 * np.pi) - np.pi
         rate = float(np.copysign(np.radians(turn.rate_deg_per_s), change))
         speed = begin.speed_mps if turn.speed_mps is None else turn.speed_mps
         arc = begin._replace(speed_mps=speed, turn_rate_radps=rate)
@@ -248,9 +238,7 @@ def _waypoint_trajectory(track: TrackPlan) -> Trajectory:
     segments: list[Segment] = []
     for i, (cut, next_cut) in enumerate(pairwise(cuts)):
         course = float(courses[i])
-        leg = Segment(
-            time_s, float(position[0]), float(position[1]), course, track.speed, 0.0
-        )
+        leg = Segment(time_s, float(position[0]), float(position[1]), course, track.speed, 0.0)
         time_s += float(lengths[i] - cut - next_cut) / track.speed
         segments.append(leg)
         if i < changes.size and track.turn_radius_m > 0.0 and changes[i] != 0.0:

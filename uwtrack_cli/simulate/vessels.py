@@ -12,15 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.constants import SOURCE_DEPTH_M
-from uwtrack_cli.data.options import (
-    Above,
-    AtLeast,
-    AtMost,
-    Increasing,
-    Key,
-    OptionGroup,
-    Unit,
-)
+from uwtrack_cli.data.options import Above, AtLeast, AtMost, Increasing, Key, OptionGroup, Unit
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.simulate.track_plans import (
     ClosestApproach,
@@ -57,9 +49,7 @@ class Line(OptionGroup):
     """Number of harmonics, the fundamental included."""
     step_db: Annotated[float, Unit("dB"), AtLeast(-60.0), AtMost(60.0)] = 0.0
     """Level of each harmonic over the one before, dB."""
-    cn0_db_hz: Annotated[float, Unit("dB-Hz"), AtLeast(-60.0), AtMost(150.0)] | None = (
-        None
-    )
+    cn0_db_hz: Annotated[float, Unit("dB-Hz"), AtLeast(-60.0), AtMost(150.0)] | None = None
     """Power over the noise density at closest approach, dB-Hz; this or the level."""
     source_level_db: SourceLevel | None = None
     """Level at 1 m, dB re 1 uPa."""
@@ -149,9 +139,7 @@ class SpectralFeature(OptionGroup):
 class Broadband(OptionGroup):
     """Gaussian noise of the vessel in a band, from its ratio or its source level."""
 
-    band_hz: Annotated[
-        tuple[float, float], Unit("Hz"), AtLeast(0.0), AtMost(1e6), Increasing()
-    ]
+    band_hz: Annotated[tuple[float, float], Unit("Hz"), AtLeast(0.0), AtMost(1e6), Increasing()]
     """Lowest and highest frequency, Hz."""
     snr_db: Annotated[float, Unit("dB"), AtLeast(-100.0), AtMost(100.0)] | None = None
     """Power over the ambient noise in the band at closest approach, dB; or the level."""
@@ -180,9 +168,7 @@ class Vessel(OptionGroup):
     """Depth of the source below the surface, m."""
     surface_image: Annotated[float, Unit("1"), AtLeast(0.0), AtMost(1.0)] = 0.0
     """Amplitude of the surface reflection; 0 is none, 1 a perfectly soft surface."""
-    spreading_db_per_decade: Annotated[
-        float, Unit("dB/decade"), AtLeast(0.0), AtMost(60.0)
-    ] = 20.0
+    spreading_db_per_decade: Annotated[float, Unit("dB/decade"), AtLeast(0.0), AtMost(60.0)] = 20.0
     """Transmission loss per decade of range, dB; 20 is spherical."""
     closest_approach: ClosestApproach | None = None
     """Straight passage; this or ``track`` is needed."""
@@ -211,16 +197,10 @@ class Vessel(OptionGroup):
             raise OptionError(msg)
         if self.closest_approach is not None:
             check_turns(self.turns, self.closest_approach.time_s)
-        ends = [
-            (change.at_s, change.at_s + change.duration_s)
-            for change in self.gear_changes
-        ]
+        ends = [(change.at_s, change.at_s + change.duration_s) for change in self.gear_changes]
         if any(later[0] < earlier[1] for earlier, later in pairwise(ends)):
             msg = "gear changes must follow each other, each after the end of the last."
             raise OptionError(msg)
         if self.sounding_s and self.sounding_s[1] - self.sounding_s[0] < 2.0 * RAMP_S:
-            msg = (
-                f"sounding_s must last {2.0 * RAMP_S:g} s or more, "
-                f"got {list(self.sounding_s)}."
-            )
+            msg = f"sounding_s must last {2.0 * RAMP_S:g} s or more, got {list(self.sounding_s)}."
             raise OptionError(msg)

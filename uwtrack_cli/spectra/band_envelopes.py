@@ -167,9 +167,7 @@ class BandEnvelopes:
         plan = self._plan
         window = np.asarray(hann(plan.window), np.float32)
         length = next_fast_len(plan.window, real=True)
-        for rows, spectrum in windowed_spectra(
-            channel, window, plan.hop, length, n_windows
-        ):
+        for rows, spectrum in windowed_spectra(channel, window, plan.hop, length, n_windows):
             yield rows, spectrum[:, plan.cells]
 
     def _normalised(self, n_ready: int) -> tuple[FloatArray, BoolArray]:
@@ -201,9 +199,7 @@ class BandEnvelopes:
         """Mean of the power about each envelope sample, as `_power` has its axes."""
         plan = self._plan
         first, reach = self._first_held, plan.reach
-        numbers = np.clip(
-            np.arange(first - 1, first + n_ready + 1), 0, self._means.shape[0] - 1
-        )
+        numbers = np.clip(np.arange(first - 1, first + n_ready + 1), 0, self._means.shape[0] - 1)
         fall = 1.0 - np.abs(np.arange(-reach, reach + 1)) / reach
         centre = np.empty((numbers.size, *self._means.shape[1:]))
         for k, number in enumerate(numbers):  # ten a second; each with its own ends

@@ -123,11 +123,7 @@ def _frames_per_row(block: Spectrogram, average_s: float) -> int:
 
 
 def _rows(
-    block: Spectrogram,
-    edges: FloatArray,
-    time_s: FloatArray,
-    power: FloatArray,
-    per_row: int,
+    block: Spectrogram, edges: FloatArray, time_s: FloatArray, power: FloatArray, per_row: int
 ) -> Decidecades:
     """Average frames to rows; the last row may be of fewer frames."""
     starts = np.arange(0, time_s.size, per_row)

@@ -27,26 +27,14 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.frames import Frames
-from uwtrack_cli.data.options import (
-    AtLeast,
-    AtMost,
-    Increasing,
-    Unit,
-    checked,
-    resolved_by,
-)
+from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked, resolved_by
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import MODULATION, Spectrogram
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.estimation.decimation import PASS_SHARE, decimated_blocks
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.estimation.window import hann
-from uwtrack_cli.spectra.band_envelopes import (
-    HOPS,
-    WINDOW_RATES,
-    BandEnvelopes,
-    EnvelopePlan,
-)
+from uwtrack_cli.spectra.band_envelopes import HOPS, WINDOW_RATES, BandEnvelopes, EnvelopePlan
 from uwtrack_cli.spectra.dipoles import directional_channels, true_components
 from uwtrack_cli.spectra.spectrogram import resolve_decimation, time_base
 
@@ -99,14 +87,13 @@ def _least_rate_hz(rate_hz: tuple[float, float]) -> float:
 def demodulate(
     recording: Recording,
     *,
-    band_hz: Annotated[
-        tuple[float, float], Unit("Hz"), AtLeast(1), AtMost(1e6), Increasing()
-    ]
+    band_hz: Annotated[tuple[float, float], Unit("Hz"), AtLeast(1), AtMost(1e6), Increasing()]
     | None = None,
     n_bands: Annotated[int, AtLeast(1), AtMost(64)] = 8,
-    rate_hz: Annotated[
-        tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e4), Increasing()
-    ] = (0.2, 50.0),
+    rate_hz: Annotated[tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e4), Increasing()] = (
+        0.2,
+        50.0,
+    ),
     window_s: Annotated[float, Unit("s"), AtLeast(0.1), AtMost(3600)] | None = None,
     overlap: Annotated[float, AtLeast(0), AtMost(0.999)] = 0.75,
     zero_padding: Annotated[int, AtLeast(1), AtMost(8)] = 2,
@@ -161,10 +148,7 @@ def demodulate(
     if recording.reader is None:
         msg = f"{recording.name} was not opened for reading; open the sound file again."
         raise DataError(msg)
-    given = {
-        "band_hz": band_hz, "window_s": window_s,
-        "rate_hz": rate_hz, "decimation": decimation,
-    }  # fmt: skip
+    given = {"band_hz": band_hz, "window_s": window_s, "rate_hz": rate_hz, "decimation": decimation}
     known = {**given, **resolve_demon(recording, given)}
     if known["band_hz"] is None or known["window_s"] is None:
         return iter([_no_frames(recording, rate_hz, overlap, zero_padding)])
@@ -221,9 +205,7 @@ def _plan(
 ) -> _Layout:
     fs = recording.sample_rate_hz / counts.decimation
     highest_hz = 0.5 * fs * (PASS_SHARE if counts.decimation > 1 else 1.0)
-    after = (
-        "" if counts.decimation == 1 else f" after decimation by {counts.decimation}"
-    )
+    after = "" if counts.decimation == 1 else f" after decimation by {counts.decimation}"
     if band_hz[1] > highest_hz:
         msg = (
             f"band_hz = {band_hz[0]:g} {band_hz[1]:g} reaches above {highest_hz:g} Hz, "
@@ -270,9 +252,7 @@ def _cells(band_hz: tuple[float, float], window: int, fs: float) -> slice:
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 
-def _kept(
-    envelope: EnvelopePlan, fft_length: int, rate_hz: tuple[float, float]
-) -> slice:
+def _kept(envelope: EnvelopePlan, fft_length: int, rate_hz: tuple[float, float]) -> slice:
     frequency = np.fft.rfftfreq(fft_length, 1.0 / envelope.rate_hz)
     inside = np.flatnonzero((frequency >= rate_hz[0]) & (frequency <= rate_hz[1]))
     if inside.size < 8:
@@ -294,9 +274,7 @@ def _blocks(recording: Recording, layout: _Layout) -> Iterator[Spectrogram]:
     valid = np.zeros(0, np.bool_)
     wanted = TILE_FRAMES
     next_frame = 0
-    for samples in decimated_blocks(
-        recording.reader, layout.decimation, recording.block_samples
-    ):
+    for samples in decimated_blocks(recording.reader, layout.decimation, recording.block_samples):
         more, holds = envelopes.feed(samples)
         pending, valid = np.concatenate([pending, more]), np.append(valid, holds)
         while pending.shape[0] >= layout.window + (wanted - 1) * layout.hop:
@@ -314,10 +292,7 @@ def _blocks(recording: Recording, layout: _Layout) -> Iterator[Spectrogram]:
 
 
 def _no_frames(
-    recording: Recording,
-    rate_hz: tuple[float, float],
-    overlap: float,
-    zero_padding: int,
+    recording: Recording, rate_hz: tuple[float, float], overlap: float, zero_padding: int
 ) -> Spectrogram:
     """Return a block without frames for a recording that has no room for one."""
     least_hz = _least_rate_hz(rate_hz)
@@ -377,9 +352,7 @@ def _block(
     )
 
 
-def _density(
-    envelopes: FloatArray, layout: _Layout, count: int
-) -> tuple[FloatArray, ...]:
+def _density(envelopes: FloatArray, layout: _Layout, count: int) -> tuple[FloatArray, ...]:
     """Return density and intensities of the bands' sum, shape (frame, rate) each."""
     from scipy.fft import rfft
 

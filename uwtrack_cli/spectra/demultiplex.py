@@ -133,9 +133,7 @@ class Demultiplexer:
             locked_share=float(np.mean(is_locked[own])),
             pilot_snr=float(np.sum(pilot[own]) / np.sum(noise[own])),
             phase_pilot=float(abs(constant) / amplitude) if has_lock else np.nan,
-            clock_error=turned_rad * RATE_HZ / (2.0 * np.pi * PILOT_HZ)
-            if has_lock
-            else np.nan,
+            clock_error=turned_rad * RATE_HZ / (2.0 * np.pi * PILOT_HZ) if has_lock else np.nan,
         )
 
     def _cells_with(self, flags: BoolArray) -> BoolArray:

@@ -196,9 +196,7 @@ def _image(x: FloatArray, angle: FloatArray) -> FloatArray:
 class _Problem:
     """Residuals of a passage: six unknowns of the response, ambient, track errors."""
 
-    def __init__(
-        self, known: KnownPassage, heard: BoolArray, mirror: float = 1.0
-    ) -> None:
+    def __init__(self, known: KnownPassage, heard: BoolArray, mirror: float = 1.0) -> None:
         self.angle = mirror * known.angle_rad[heard]
         self.level = known.cos_elevation[heard][:, None]
         self.slope = mirror * known.slope[heard]

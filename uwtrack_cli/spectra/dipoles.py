@@ -30,11 +30,7 @@ def directional_channels(sensor: Sensor) -> tuple[int, ...]:
 
 
 def true_components(
-    sensor: Sensor,
-    frames: Frames,
-    power: FloatArray,
-    first: FloatArray,
-    second: FloatArray,
+    sensor: Sensor, frames: Frames, power: FloatArray, first: FloatArray, second: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return intensities to the east and to the north, shape (frame, frequency).
 

@@ -89,9 +89,7 @@ class FrameTransform:
         window = np.asarray(window * np.sqrt(scale), np.float32)
         return windowed_spectra(channel, window, self.hop, self.fft_length, n_frames)
 
-    def spectra_of_all(
-        self, samples: FloatArray, n_frames: int
-    ) -> NDArray[np.complex64]:
+    def spectra_of_all(self, samples: FloatArray, n_frames: int) -> NDArray[np.complex64]:
         """Return the cells kept of all channels, shape (cell, channel, frame)."""
         shape = (self.frequency_hz.size, samples.shape[1], n_frames)
         found = np.empty(shape, np.complex64)
@@ -125,9 +123,7 @@ def windowed_spectra(
         yield rows, np.asarray(rfft(windowed, fft_length), np.complex64)
 
 
-def lost_samples(
-    samples: FloatArray, window: int, hop: int, n_windows: int
-) -> IntArray:
+def lost_samples(samples: FloatArray, window: int, hop: int, n_windows: int) -> IntArray:
     """Return how many samples of each window are nan in any channel."""
     if not np.isnan(np.min(samples)):  # quick, and nearly always so
         return np.zeros(n_windows, np.int64)

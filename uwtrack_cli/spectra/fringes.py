@@ -22,14 +22,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.fringes import MIDDLE, STEP_DB, Fringes
-from uwtrack_cli.data.options import (
-    Above,
-    AtLeast,
-    AtMost,
-    Increasing,
-    Unit,
-    checked,
-)
+from uwtrack_cli.data.options import Above, AtLeast, AtMost, Increasing, Unit, checked
 from uwtrack_cli.data.spectra import Spectrogram
 
 HIGHEST_SHARE = 0.44
@@ -43,9 +36,10 @@ LEAST_VALID = 0.99
 def measure_fringes(
     blocks: Iterator[Spectrogram],
     *,
-    band_hz: Annotated[
-        tuple[float, float], Unit("Hz"), AtLeast(1), AtMost(1e6), Increasing()
-    ] = (100.0, 7000.0),
+    band_hz: Annotated[tuple[float, float], Unit("Hz"), AtLeast(1), AtMost(1e6), Increasing()] = (
+        100.0,
+        7000.0,
+    ),
     cells_per_octave: Annotated[int, AtLeast(8), AtMost(256)] = 64,
     average_s: Annotated[float, Unit("s"), Above(0), AtMost(60)] = 0.5,
     least_highest_hz: Annotated[float, Unit("Hz"), AtLeast(0), AtMost(1e6)] = 0.0,
@@ -109,18 +103,14 @@ class _Cells(NamedTuple):
 
 
 def _cells(
-    block: Spectrogram,
-    band_hz: tuple[float, float],
-    per_octave: int,
-    least_highest_hz: float,
+    block: Spectrogram, band_hz: tuple[float, float], per_octave: int, least_highest_hz: float
 ) -> _Cells:
     frequency, frames = block.frequency_hz, block.frames
     step_hz = float(frequency[1] - frequency[0])
     low = max(band_hz[0], float(frequency[0]) + 0.5 * step_hz)
     high = min(
-        band_hz[1], float(frequency[-1]) - 0.5 * step_hz,
-        HIGHEST_SHARE * frames.sample_rate_hz,
-    )  # fmt: skip
+        band_hz[1], float(frequency[-1]) - 0.5 * step_hz, HIGHEST_SHARE * frames.sample_rate_hz
+    )
     count = 0
     if high > low and high >= least_highest_hz:
         count = int(np.floor(per_octave * np.log2(high / low)))
@@ -143,9 +133,7 @@ def _cell_density(block: Spectrogram, cells: _Cells) -> FloatArray:
     density = block.power_density
     first, last = cells.pairs[::2], cells.pairs[1::2]
     # bins from the first to the one before the last, which is added by its part
-    total = np.where(
-        first == last, 0.0, np.add.reduceat(density, cells.pairs, axis=1)[:, ::2]
-    )
+    total = np.where(first == last, 0.0, np.add.reduceat(density, cells.pairs, axis=1)[:, ::2])
     total = total - cells.below * density[:, first]
     total += (1.0 - cells.above) * density[:, last]
     lacks = block.frames.valid_fraction < LEAST_VALID
@@ -154,11 +142,7 @@ def _cell_density(block: Spectrogram, cells: _Cells) -> FloatArray:
 
 
 def _rows(
-    block: Spectrogram,
-    cells: _Cells,
-    time_s: FloatArray,
-    density: FloatArray,
-    per_row: int,
+    block: Spectrogram, cells: _Cells, time_s: FloatArray, density: FloatArray, per_row: int
 ) -> Fringes:
     """Average whole rows of frames, and take their lines off."""
     count = time_s.size // per_row

@@ -69,9 +69,7 @@ LINE_FACTOR = 5.0
 KEPT_MEAN = 1.0 - LINE_FACTOR / (np.exp(LINE_FACTOR) - 1.0)
 """Mean of exponential cells below the line factor, over the mean of all."""
 
-EVEN_SQUARE = (
-    (2.0 - 37.0 * np.exp(-LINE_FACTOR)) / (1.0 - np.exp(-LINE_FACTOR)) / KEPT_MEAN**2
-)
+EVEN_SQUARE = (2.0 - 37.0 * np.exp(-LINE_FACTOR)) / (1.0 - np.exp(-LINE_FACTOR)) / KEPT_MEAN**2
 """Mean square of these cells, over the square of their mean."""
 
 
@@ -79,9 +77,10 @@ EVEN_SQUARE = (
 def measure_levels(
     blocks: Iterator[Spectrogram],
     *,
-    band_hz: Annotated[
-        tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()
-    ] = (100.0, 1500.0),
+    band_hz: Annotated[tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()] = (
+        100.0,
+        1500.0,
+    ),
     n_bands: Annotated[int, AtLeast(1), AtMost(256)] = 16,
 ) -> Iterator[Levels]:
     """Measure the broadband level and bearing of each frame between the lines.
@@ -193,9 +192,7 @@ class MeasuredLevels(RememberedStream[Levels, Levels]):
         return _levels(tiles, quiet, self._at + first, rest.take("frame", slice(0)))
 
 
-def condense(
-    block: Spectrogram, *, band_hz: tuple[float, float], n_bands: int
-) -> Container:
+def condense(block: Spectrogram, *, band_hz: tuple[float, float], n_bands: int) -> Container:
     """Return what `measure_levels` needs of a block, and takes in its place.
 
     Means of sub-bands, some hundred times smaller. Options as those of
@@ -246,9 +243,7 @@ def whiten_frames(
     )
 
 
-def _condensed(
-    block: Container, band_hz: tuple[float, float], n_bands: int
-) -> "_Bands":
+def _condensed(block: Container, band_hz: tuple[float, float], n_bands: int) -> "_Bands":
     if isinstance(block, Spectrogram):
         return _measure(block, band_hz, n_bands)
     assert isinstance(block, _Bands)  # noqa: S101 - made by `condense`
@@ -273,12 +268,9 @@ class _Bands(Container):
     density: FloatArray = column("Mean power density.", "frame", "band", unit="")
     n_cells: FloatArray = column("Independent cells.", "frame", "band", unit="")
     n_filled: FloatArray = column(
-        "As many cells of one density as vary like those that there are.",
-        "frame", "band", unit="",
-    )  # fmt: skip
-    intensity: FloatArray = column(
-        "Mean east, north.", "frame", "band", "axis", unit=""
+        "As many cells of one density as vary like those that there are.", "frame", "band", unit=""
     )
+    intensity: FloatArray = column("Mean east, north.", "frame", "band", "axis", unit="")
     square: FloatArray = column(
         "Mean east^2, north^2, east north.", "frame", "band", "moment", unit=""
     )
@@ -324,9 +316,7 @@ def _measure(block: Spectrogram, band_hz: tuple[float, float], n_bands: int) -> 
     )
 
 
-def _edges(
-    frequency_hz: FloatArray, band_hz: tuple[float, float], n_bands: int
-) -> FloatArray:
+def _edges(frequency_hz: FloatArray, band_hz: tuple[float, float], n_bands: int) -> FloatArray:
     low, high = np.searchsorted(frequency_hz, band_hz)
     if high - low < 16:
         msg = (
@@ -374,9 +364,7 @@ def _tile_sound(tile: _Bands) -> _TileSound:
     )
 
 
-def _levels(
-    tiles: list[_Bands], quiet: list[_TileSound], at: int, pattern: _Bands
-) -> Levels:
+def _levels(tiles: list[_Bands], quiet: list[_TileSound], at: int, pattern: _Bands) -> Levels:
     """Turn whole tiles into levels; without any, a block of no rows.
 
     The first tile's own sound is at a place in the list; before it are those within
@@ -415,9 +403,7 @@ def _quiet_time(near: list[_TileSound]) -> tuple[FloatArray, FloatArray]:
     return noise, np.asarray(share / share.sum())
 
 
-def _ambient(
-    near: list[_TileSound], here: int, weight: FloatArray, tile_s: float
-) -> FloatArray:
+def _ambient(near: list[_TileSound], here: int, weight: FloatArray, tile_s: float) -> FloatArray:
     """Return the intensity to take off a tile, shape (band, 2); zero if not known.
 
     Nothing is taken off a quiet tile: its bearing is that of what is heard then. It is
@@ -438,15 +424,12 @@ def _ambient(
     after = intensity[here + 1 :][sides[1]].mean(axis=0)
     mean = 0.5 * (before + after)
     apart, whole = (
-        float(np.hypot(*(each * weight[:, None]).sum(axis=0)))
-        for each in (before - after, mean)
+        float(np.hypot(*(each * weight[:, None]).sum(axis=0))) for each in (before - after, mean)
     )
     return mean if apart < SAME_AMBIENT * whole else np.zeros((weight.size, 2))
 
 
-def _tile_levels(
-    tile: _Bands, noise: FloatArray, share: FloatArray, ambient: FloatArray
-) -> Levels:
+def _tile_levels(tile: _Bands, noise: FloatArray, share: FloatArray, ambient: FloatArray) -> Levels:
     width_hz = tile.high_hz - tile.low_hz + tile.frames.bin_hz
     ratio = tile.density / noise
     mean = (share * ratio).sum(axis=1)

@@ -20,9 +20,7 @@ SPAN_DB = 60.0
 
 @checked
 def pool_overview(
-    blocks: Iterator[Spectrogram],
-    *,
-    max_pixels: Annotated[int, AtLeast(16), AtMost(4096)] = 1024,
+    blocks: Iterator[Spectrogram], *, max_pixels: Annotated[int, AtLeast(16), AtMost(4096)] = 1024
 ) -> Iterator[Overview]:
     """Pool a spectrogram into a small picture.
 
@@ -71,9 +69,7 @@ def _pool_columns(power: FloatArray, max_pixels: int) -> FloatArray:
     return pooled
 
 
-def _add(
-    rows: FloatArray, new: FloatArray, n_before: int, frames_per_row: int
-) -> FloatArray:
+def _add(rows: FloatArray, new: FloatArray, n_before: int, frames_per_row: int) -> FloatArray:
     if not new.shape[0]:  # a block without frames: the sound is too short for one
         return rows
     row_of = (n_before + np.arange(new.shape[0])) // frames_per_row
@@ -96,9 +92,7 @@ def _overview(
         level_db = 10 * np.log10(rows)
     known = level_db[np.isfinite(level_db)]
     ceiling = float(known.max()) if known.size else 0.0
-    floor = (
-        max(float(np.quantile(known, 0.02)), ceiling - SPAN_DB) if known.size else -1.0
-    )
+    floor = max(float(np.quantile(known, 0.02)), ceiling - SPAN_DB) if known.size else -1.0
     floor = min(floor, ceiling - 1.0)
     shade = np.clip((level_db - floor) / (ceiling - floor), 0.0, 1.0) * 255.0
     return Overview(

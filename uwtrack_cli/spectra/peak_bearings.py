@@ -169,12 +169,12 @@ def peak_bearings(
     reach = range(-(zero_padding // 2), zero_padding // 2 + 1)
     together = _cells_together(zero_padding // 2, zero_padding)
     own = _White.of(
-        [
-            _over_cells(part, row, cell, reach) / np.maximum(noise, TINY)
-            for part in (*parts, power)
-        ],
-        axis, size, dipole_noise_ratio, together,
-    )  # fmt: skip
+        [_over_cells(part, row, cell, reach) / np.maximum(noise, TINY) for part in (*parts, power)],
+        axis,
+        size,
+        dipole_noise_ratio,
+        together,
+    )
     tile, count = _tile_sums(parts, power, floor)
     whole = _White.of(
         [_over_cells(part, row // TILE_FRAMES, cell, reach) for part in tile],
@@ -199,10 +199,7 @@ def peak_bearings(
     std = np.hypot(std, aid * wide / np.sqrt(square))
     std = np.minimum(std, LARGEST_STD_RAD)
     step = np.clip(step, -np.pi, np.pi) + np.clip(shift, -std, std)
-    return (
-        (compass_deg(*axis) + np.degrees(angle + step)) % 360.0,
-        np.degrees(std),
-    )
+    return ((compass_deg(*axis) + np.degrees(angle + step)) % 360.0, np.degrees(std))
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,13 +271,9 @@ class _White:
         return np.asarray(np.sqrt(total / 3.0))
 
 
-def _over_cells(
-    values: FloatArray, row: IntArray, cell: IntArray, reach: range
-) -> FloatArray:
+def _over_cells(values: FloatArray, row: IntArray, cell: IntArray, reach: range) -> FloatArray:
     """Return sums over some cells around places."""
-    return np.asarray(
-        np.sum([values[row, cell + k] for k in reach], axis=0, dtype=float)
-    )
+    return np.asarray(np.sum([values[row, cell + k] for k in reach], axis=0, dtype=float))
 
 
 def _tile_sums(
@@ -303,9 +296,7 @@ def _tile_sums(
     return [np.array(one) for one in sums], np.array(count, np.float64)
 
 
-def _likely_share(
-    line_power: FloatArray, omni: FloatArray, together: float
-) -> FloatArray:
+def _likely_share(line_power: FloatArray, omni: FloatArray, together: float) -> FloatArray:
     """Return the line's share in the power of a frame, over its mean power.
 
     The mean of A |O| cos of a line of amplitude A that makes |O| with Gaussian noise:

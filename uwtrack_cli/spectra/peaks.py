@@ -48,9 +48,7 @@ def find_peaks(
     *,
     false_alarm_probability: Annotated[float, AtLeast(1e-9), AtMost(0.5)] = 1e-4,
     kept_probability: Annotated[float, AtLeast(1e-9), AtMost(0.5)] = 0.1,
-    band_hz: Annotated[
-        tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()
-    ]
+    band_hz: Annotated[tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()]
     | None = None,
     dipole_noise_ratio: Annotated[float, AtLeast(1e-6), AtMost(10)] = 1.0 / 3.0,
 ) -> Peaks:
@@ -123,9 +121,7 @@ def find_peaks(
     )
 
 
-def _chosen_cells(
-    frequency_hz: FloatArray, band_hz: tuple[float, float] | None
-) -> slice:
+def _chosen_cells(frequency_hz: FloatArray, band_hz: tuple[float, float] | None) -> slice:
     if band_hz is None:
         return slice(0, frequency_hz.size)
     inside = np.flatnonzero((frequency_hz >= band_hz[0]) & (frequency_hz <= band_hz[1]))
@@ -153,15 +149,11 @@ def threshold_factors(frames: Frames, n_cells: int, probability: float) -> Float
             zero_padding=frames.cells_per_bin,
             hop_windows=frames.hop_samples / frames.window_samples,
         )
-        factor[tile] = threshold_factor(
-            probability, round(independent, 1), own_share(n_valid)
-        )
+        factor[tile] = threshold_factor(probability, round(independent, 1), own_share(n_valid))
     return factor
 
 
-def _maxima(
-    ratio: FloatArray, keep: FloatArray, padding: int
-) -> tuple[IntArray, IntArray]:
+def _maxima(ratio: FloatArray, keep: FloatArray, padding: int) -> tuple[IntArray, IntArray]:
     """Rows and cells that exceed and are the largest within one natural bin."""
     inner = ratio[:, padding:-padding]
     is_peak = inner > keep[:, None]
@@ -224,9 +216,7 @@ class Tones:
     def _peak(self, centre: FloatArray) -> FloatArray:
         """Return the power at the interpolated maximum, from the window's own shape."""
         step = self._step_bins
-        return np.asarray(
-            centre / response(np.clip(self.offset_bins, -step, step)) ** 2
-        )
+        return np.asarray(centre / response(np.clip(self.offset_bins, -step, step)) ** 2)
 
     @property
     def _step_bins(self) -> float:

@@ -18,24 +18,12 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.frames import Frames
-from uwtrack_cli.data.options import (
-    AtLeast,
-    AtMost,
-    Increasing,
-    Rungs,
-    Unit,
-    checked,
-    resolved_by,
-)
+from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Rungs, Unit, checked, resolved_by
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import FULL_SCALE, MICROPASCAL, Spectrogram
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
-from uwtrack_cli.estimation.decimation import (
-    PASS_SHARE,
-    decimated_blocks,
-    usual_decimation,
-)
+from uwtrack_cli.estimation.decimation import PASS_SHARE, decimated_blocks, usual_decimation
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.spectra.dipoles import directional_channels, true_components
 from uwtrack_cli.spectra.frame_transform import FrameTransform, lost_samples
@@ -48,9 +36,7 @@ LIVE_BLOCK_S = 4.0
 told of it is late by as much."""
 
 
-def resolve_spectrogram(
-    recording: Recording, options: Mapping[str, Any]
-) -> dict[str, Any]:
+def resolve_spectrogram(recording: Recording, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return window and decimation as they follow from a recording and all options."""
     found = resolve_decimation(recording, options)
     if options["largest_share"] is not None:
@@ -59,9 +45,7 @@ def resolve_spectrogram(
     return found
 
 
-def resolve_decimation(
-    recording: Recording, options: Mapping[str, Any]
-) -> dict[str, Any]:
+def resolve_decimation(recording: Recording, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the decimation that a band allows, where it is left open."""
     if options["decimation"] is not None:
         return {}
@@ -77,9 +61,7 @@ def compute_spectrogram(
     window_s: Annotated[float, Unit("s"), AtLeast(1e-6), AtMost(3600), Rungs()] = 1.0,
     overlap: Annotated[float, AtLeast(0), AtMost(0.999)] = 0.5,
     zero_padding: Annotated[int, AtLeast(1), AtMost(8)] = 2,
-    band_hz: Annotated[
-        tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()
-    ]
+    band_hz: Annotated[tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()]
     | None = None,
     decimation: Annotated[int, AtLeast(1), AtMost(1024)] | None = None,
     largest_share: Annotated[float, AtLeast(1e-3), AtMost(1)] | None = None,
@@ -228,9 +210,7 @@ def frame_blocks(
     parts = [np.zeros((0, recording.n_channels), np.float32)]
     wanted = layout.window + (block_frames - 1) * layout.hop
     next_frame = 0
-    for samples in decimated_blocks(
-        recording.reader, layout.decimation, recording.block_samples
-    ):
+    for samples in decimated_blocks(recording.reader, layout.decimation, recording.block_samples):
         parts.append(samples * scale_to_upa)
         if sum(map(len, parts)) < wanted:
             continue
@@ -307,8 +287,7 @@ def describe_frames(
     return time_base(
         recording,
         first_frame,
-        1.0
-        - lost_samples(samples, layout.window, layout.hop, n_frames) / layout.window,
+        1.0 - lost_samples(samples, layout.window, layout.hop, n_frames) / layout.window,
         window_samples=layout.window * layout.decimation,
         hop_samples=layout.hop * layout.decimation,
         fft_length=layout.fft_length * layout.decimation,
@@ -357,9 +336,7 @@ FLAT_SAMPLES = 8
 """Samples at the begin of a frame that are looked at first: sound changes within them."""
 
 
-def _flat_frames(
-    samples: FloatArray, layout: FrameTransform, n_frames: int
-) -> BoolArray:
+def _flat_frames(samples: FloatArray, layout: FrameTransform, n_frames: int) -> BoolArray:
     """Tell in which frames nothing changes: a converter that is stuck, no sound.
 
     What rounding leaves of them has a spectrum of steady lines.

@@ -224,9 +224,7 @@ class FoundTransients(RememberedStream[Transients, _Transient]):
         if self._held:
             whole = _Cells.join(self._held)
             searched = (self._known, whole.time_s.size)
-            yield self._table(
-                _search(whole, self._hop_s, searched, self._least_spreads)
-            )
+            yield self._table(_search(whole, self._hop_s, searched, self._least_spreads))
 
     def _table(self, found: list[_Transient]) -> Transients:
         time_s, half_s, kind, spreads = zip(*found, strict=True) if found else ((),) * 4
@@ -288,9 +286,7 @@ def _search(
         share = 1 / middle + 0.68 / side
         one_hit = np.sqrt(HIT_SQUARE * (usual * share + 1 / middle**2))
         noise = max(noise_db * np.sqrt(share), USUAL_LEVEL_DB)
-        for kind, values, least in (
-            (LEVEL, level_db, noise), (LINES, lines, one_hit)
-        ):  # fmt: skip
+        for kind, values, least in ((LEVEL, level_db, noise), (LINES, lines, one_hit)):
             limit = (least_spreads - LOWEST_MEDIAN) * least
             if passes and not highest(values, half, searched) > limit:
                 continue
@@ -421,9 +417,9 @@ def _lasting(values: FloatArray, half: int) -> FloatArray:
     if values.size >= length:
         around = np.lib.stride_tricks.sliding_window_view(values, length)
         kept = length - min(LEFT_OUT, half)
-        middle[half : values.size - half] = np.partition(
-            around, kept - 1, axis=1
-        )[:, :kept].mean(axis=1)  # fmt: skip
+        middle[half : values.size - half] = np.partition(around, kept - 1, axis=1)[:, :kept].mean(
+            axis=1
+        )
     return middle
 
 
@@ -437,7 +433,5 @@ def _mean(values: FloatArray, first: int, last: int, least: int) -> FloatArray:
     high = np.clip(place + last + 1, 0, values.size)
     number = count[high] - count[low]
     enough = number >= max(least, 1)
-    mean: FloatArray = np.where(
-        enough, (total[high] - total[low]) / np.maximum(number, 1), np.nan
-    )
+    mean: FloatArray = np.where(enough, (total[high] - total[low]) / np.maximum(number, 1), np.nan)
     return mean

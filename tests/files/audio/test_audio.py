@@ -108,9 +108,7 @@ def test_blocks_do_not_change_a_bit(block, tmp_path):
 def test_span_is_exact_in_samples_and_nanoseconds(tmp_path):
     path, values = tmp_path / "a.wav", sound()
     soundfile.write(path, values, 7_919, subtype="FLOAT")
-    recording = open_recording(
-        path, sensor=OMNI, start_utc_ns=10**18, start_s=1.0, stop_s=2.0
-    )
+    recording = open_recording(path, sensor=OMNI, start_utc_ns=10**18, start_s=1.0, stop_s=2.0)
     first = 7_919
     assert recording.n_samples == 7_919
     assert recording.start_utc_ns == 10**18 + 10**9
@@ -327,9 +325,7 @@ def test_damaged_headers_never_crash_the_reader(tmp_path):
     rng = np.random.default_rng(4)
     for name, kind, subtype, _ in KINDS:
         path = tmp_path / name
-        soundfile.write(
-            path, sound(n_samples=3_000), RATE, subtype=subtype, format=kind
-        )
+        soundfile.write(path, sound(n_samples=3_000), RATE, subtype=subtype, format=kind)
         content = path.read_bytes()
         for _ in range(25):
             changed = bytearray(content)
@@ -366,29 +362,22 @@ def without_flac_length(content):
     [(20, 1, "PCM_16"), (4096, 1, "PCM_16"), (4097, 2, "PCM_24"), (300_000, 1, "PCM_S8"),
      (700_001, 3, "PCM_24")],
 )  # fmt: skip
-def test_a_streamed_flac_file_is_read_to_its_end(
-    n_samples, n_channels, subtype, tmp_path
-):
+def test_a_streamed_flac_file_is_read_to_its_end(n_samples, n_channels, subtype, tmp_path):
     values = np.random.default_rng(8).uniform(-0.5, 0.5, (n_samples, n_channels))
     soundfile.write(tmp_path / "a.flac", values, RATE, subtype)
     content = (tmp_path / "a.flac").read_bytes()
     (tmp_path / "b.flac").write_bytes(without_flac_length(content))
     whole, streamed = (
-        open_recording(tmp_path / name, sensor=OMNI, channel=1)
-        for name in ("a.flac", "b.flac")
+        open_recording(tmp_path / name, sensor=OMNI, channel=1) for name in ("a.flac", "b.flac")
     )
     assert streamed.n_samples == whole.n_samples == n_samples
     np.testing.assert_array_equal(samples(streamed), samples(whole))
     last_s = max(0.0, streamed.duration_s - 0.2)
-    np.testing.assert_array_equal(
-        streamed.segment(last_s, 1e6), whole.segment(last_s, 1e6)
-    )
+    np.testing.assert_array_equal(streamed.segment(last_s, 1e6), whole.segment(last_s, 1e6))
 
 
 @pytest.mark.parametrize("n_lost", [1, 500, 9000])
-def test_a_streamed_flac_file_that_was_cut_ends_with_its_last_whole_frame(
-    n_lost, tmp_path
-):
+def test_a_streamed_flac_file_that_was_cut_ends_with_its_last_whole_frame(n_lost, tmp_path):
     values = np.random.default_rng(9).uniform(-0.5, 0.5, 60_000)
     soundfile.write(tmp_path / "a.flac", values, RATE, "PCM_16")
     content = without_flac_length((tmp_path / "a.flac").read_bytes())

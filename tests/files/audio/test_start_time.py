@@ -99,10 +99,9 @@ def test_hour_that_a_clock_change_repeats_or_skips_is_refused(name):
         ("%Y_%j_%H", "buoy2016_060_07.wav", "2016-02-29T07:00:00.000Z"),
         ("%Y%m%d%H%M%S.%f", "20160112130211.25.wav", "2016-01-12T13:02:11.250Z"),
         ("100%%_%Y%m%d", "100%_20160112.wav", "2016-01-12T00:00:00.000Z"),
-        ("date_time", "671379.190101003015_20160112_130211.wav",
-         "2016-01-12T13:02:11.000Z"),
+        ("date_time", "671379.190101003015_20160112_130211.wav", "2016-01-12T13:02:11.000Z"),
     ],
-)  # fmt: skip
+)
 def test_pattern_of_ones_own_is_found_in_the_name(pattern, name, expected):
     assert start_of(name, time_pattern=pattern) == expected
 

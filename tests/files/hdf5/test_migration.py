@@ -64,9 +64,7 @@ def test_what_version_2_printed_is_printed_of_its_files(second, uwtrack):
     sensor |= {"element_along_m": None, "tow_offset_m": None, "heading_source": None}
     sensor |= {"element_positions_m": None}
     sensor |= {"dipole_gains": None, "dipole_crosstalk": 0.0, "omni_crosstalk": None}
-    sensor |= dict.fromkeys(
-        ("navigation_position_std_m", "navigation_velocity_std_mps")
-    )
+    sensor |= dict.fromkeys(("navigation_position_std_m", "navigation_velocity_std_mps"))
     sensor |= dict.fromkeys(("north", "multiplex", "response", "clock_error_ppm"))
     printed["target"] |= dict.fromkeys(
         ("clutter_ratio", "clutter_ratio_std", "confirming_score", "crowded_scans")
@@ -172,9 +170,7 @@ def test_lines_of_version_1_are_read_in_single_precision(old):
     assert lines.measured_frequency_std_hz.dtype == np.float32
     order = np.argsort(lines.frequency_hz), np.argsort(frequency)
     np.testing.assert_array_equal(lines.frequency_hz[order[0]], frequency[order[1]])
-    np.testing.assert_allclose(
-        lines.measured_frequency_std_hz[order[0]], std[order[1]], rtol=6e-8
-    )
+    np.testing.assert_allclose(lines.measured_frequency_std_hz[order[0]], std[order[1]], rtol=6e-8)
     steady = lines.frequency_hz[np.abs(lines.frequency_hz - 50.0) < 1.0]
     assert steady.size > 30
     assert steady == pytest.approx(50.0, abs=0.1)
@@ -186,8 +182,7 @@ def test_an_older_file_is_whole_and_goes_through_the_chain(old, uwtrack):
     with read_product(old.parent / "new.h5") as made:
         assert made.schema_version == SCHEMA_VERSION
         assert made.read(Lines).line.size > 30
-    shown = [uwtrack("show", name, "lines", "--format", "csv").stdout
-             for name in (old, "new.h5")]  # fmt: skip
+    shown = [uwtrack("show", name, "lines", "--format", "csv").stdout for name in (old, "new.h5")]
     assert shown[0] == shown[1]
 
 

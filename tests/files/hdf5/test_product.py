@@ -83,9 +83,7 @@ def test_xarray_opens_every_group_with_named_axes_and_units(kind, n_rows, tmp_pa
     write_product(path, [container], history=[HistoryStep.now("made", {})])
     groups = ["/"]
     with h5py.File(path) as file:
-        file.visititems(
-            lambda name, item: groups.append(name) if hasattr(item, "keys") else None
-        )
+        file.visititems(lambda name, item: groups.append(name) if hasattr(item, "keys") else None)
     own = f"{safe_name('h1')}/{kind.NAME}" if f"h1/{kind.NAME}" in groups else kind.NAME
     assert own in groups
     for group in groups:
@@ -129,16 +127,12 @@ def test_axis_never_has_the_name_of_a_column(kind):
     assert not {"container", "absent"} & {*scalar_types(kind), *kind.parts()}
 
 
-TEXT = st.text(
-    st.characters(exclude_categories=("Cs",), exclude_characters="\0"), max_size=6
-)
+TEXT = st.text(st.characters(exclude_categories=("Cs",), exclude_characters="\0"), max_size=6)
 
 
 @pytest.mark.slow
 @settings(
-    max_examples=20,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(data=st.data(), n_rows=st.integers(0, 5))
 def test_any_values_survive_writing_and_reading(data, n_rows, tmp_path):
@@ -156,9 +150,7 @@ def test_any_values_survive_writing_and_reading(data, n_rows, tmp_path):
     )
     text = [data.draw(TEXT) for _ in range(n_rows)]
     row = synthetic(Encounters, n_rows)
-    texts = replace(
-        row, sensor=np.array(text, dtype=np.str_), reference=data.draw(TEXT)
-    )
+    texts = replace(row, sensor=np.array(text, dtype=np.str_), reference=data.draw(TEXT))
     sensor = Sensor(
         id=data.draw(TEXT),
         latitude=data.draw(st.none() | st.floats()),
@@ -175,20 +167,7 @@ def test_any_values_survive_writing_and_reading(data, n_rows, tmp_path):
 
 @pytest.mark.parametrize(
     "sensor",
-    [
-        "a/b",
-        "..",
-        ".",
-        "",
-        "lines",
-        "history",
-        "step",
-        "steps",
-        "h 1",
-        "%",
-        "Ærø/海",
-        "a\nb",
-    ],
+    ["a/b", "..", ".", "", "lines", "history", "step", "steps", "h 1", "%", "Ærø/海", "a\nb"],
 )
 def test_any_sensor_id_is_a_group_of_its_own(sensor, tmp_path):
     levels = synthetic(Levels, 3, sensor=sensor)
@@ -201,9 +180,7 @@ def test_any_sensor_id_is_a_group_of_its_own(sensor, tmp_path):
             sensor: ["frames", "levels"],
             "h2": ["frames", "levels"],
         }
-        assert [c.frames.sensor for c in product.read_all(Levels)] == sorted(
-            [sensor, "h2"]
-        )
+        assert [c.frames.sensor for c in product.read_all(Levels)] == sorted([sensor, "h2"])
         with pytest.raises(DataError, match="several sensors"):
             product.read(Levels)
 
@@ -244,10 +221,9 @@ def chain(n_frames=60, n_peaks=300, seed=3):
         Levels: synthetic(Levels, n_frames, frames=unknown),
         Peaks: peaks,
         Families: synthetic(
-            Families, n_peaks, peaks=peaks, frame=births,
-            peak_family=np.zeros(n_peaks, np.int64),
+            Families, n_peaks, peaks=peaks, frame=births, peak_family=np.zeros(n_peaks, np.int64)
         ),
-    }  # fmt: skip
+    }
 
 
 def test_frames_are_stored_once_and_the_noise_found_later_is_kept(tmp_path):
@@ -307,9 +283,7 @@ def test_stored_blocks_are_what_join_makes_of_them(tmp_path):
     lines = synthetic(Lines, 6)
     nothing = slice(0, 0)
     blocks = [
-        replace(
-            lines.take("line", nothing), frames=replace(lines.frames, first_frame=2)
-        ),
+        replace(lines.take("line", nothing), frames=replace(lines.frames, first_frame=2)),
         replace(lines, reference="y"),
         lines.take("frame", nothing).take("point", nothing).take("line", nothing),
     ]
@@ -328,9 +302,7 @@ def test_large_stream_is_written_in_steps_without_a_changed_bit(tmp_path, monkey
             rows = (peaks.frame >= start) & (peaks.frame < start + 4)
             part = peaks.frames.take("frame", slice(start - 7, start - 3))
             writer.append(
-                replace(
-                    peaks.take("peak", rows), frames=replace(part, first_frame=start)
-                )
+                replace(peaks.take("peak", rows), frames=replace(part, first_frame=start))
             )
     with read_product(tmp_path / "p.h5") as product:
         assert product.read(Peaks).equals(peaks)
@@ -339,9 +311,7 @@ def test_large_stream_is_written_in_steps_without_a_changed_bit(tmp_path, monkey
 
 def test_blocks_that_do_not_fit_together_are_refused(tmp_path):
     made = chain()[Spectrogram]
-    wider = replace(
-        made, frequency_hz=np.arange(6.0), power_density=np.zeros((60, 6), np.float32)
-    )
+    wider = replace(made, frequency_hz=np.arange(6.0), power_density=np.zeros((60, 6), np.float32))
 
     def write():
         with ProductWriter(tmp_path / "p.h5") as writer:

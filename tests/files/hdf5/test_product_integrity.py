@@ -162,9 +162,7 @@ def virtual(file):
 
 def foreign_filter(file):
     del file["h1/levels/level_db"]
-    file["h1/levels"].create_dataset(
-        "level_db", data=np.zeros(5), chunks=(5,), compression="gzip"
-    )
+    file["h1/levels"].create_dataset("level_db", data=np.zeros(5), chunks=(5,), compression="gzip")
 
 
 def wrong_type(file):
@@ -356,13 +354,7 @@ print("done", flush=True)
 
 
 def kill_a_writer(target, delay_s):
-    command = [
-        sys.executable,
-        "-c",
-        KILLED,
-        str(target),
-        str(Path(__file__).parents[3]),
-    ]
+    command = [sys.executable, "-c", KILLED, str(target), str(Path(__file__).parents[3])]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         process.stdout.readline()
@@ -435,9 +427,7 @@ def test_full_disk_is_an_error_of_one_sentence_and_leaves_nothing(tmp_path, limi
 
 @pytest.mark.parametrize("nameless", [True, False])
 @pytest.mark.parametrize("overwrite", [True, False])
-def test_file_appears_whole_where_files_need_names_too(
-    tmp_path, monkeypatch, nameless, overwrite
-):
+def test_file_appears_whole_where_files_need_names_too(tmp_path, monkeypatch, nameless, overwrite):
     if not nameless:
         monkeypatch.setattr("uwtrack_cli.files.atomic.NAMELESS", tmp_path / "none")
     target = tmp_path / "p.h5"

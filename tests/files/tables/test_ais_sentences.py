@@ -118,9 +118,7 @@ def test_without_pyais_its_installation_is_named(tmp_path, monkeypatch):
 
 def test_reading_a_table_does_not_import_pyais(tmp_path):
     path = tmp_path / "ais.csv"
-    path.write_text(
-        "Time,MMSI,Latitude,Longitude,SOG,COG\n2024-05-01 12:00:00,1,50,0,1,1\n"
-    )
+    path.write_text("Time,MMSI,Latitude,Longitude,SOG,COG\n2024-05-01 12:00:00,1,50,0,1,1\n")
     code = (
         "import sys; from pathlib import Path;"
         "from uwtrack_cli.files.tables.ais import read_ais;"

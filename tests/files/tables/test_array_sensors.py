@@ -17,9 +17,7 @@ FACTS = {
 
 @pytest.fixture
 def write(tmp_path):
-    (tmp_path / "nav.csv").write_text(
-        "time_s,east_m,north_m\n0,0,0\n100,0,300\n", encoding="utf-8"
-    )
+    (tmp_path / "nav.csv").write_text("time_s,east_m,north_m\n0,0,0\n100,0,300\n", encoding="utf-8")
 
     def written(**changes):
         facts = {k: v for k, v in {**FACTS, **changes}.items() if v is not None}

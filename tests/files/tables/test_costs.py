@@ -33,15 +33,11 @@ ATTACKS = {
     "quoted.toml": (lambda: '"a b"' + '."a b"' * 7000 + " = 1", PARTS),
     "nested.toml": (lambda: "id = " + "[" * 200_000, "nested too deeply"),
     "digits.toml": (lambda: "depth_m = " + "9" * 5000, "thousands of digits"),
-    "huge.toml": (
-        lambda: 'id = "h1"\ndepth_m = ' + "9" * 4000, "beyond 64 bits"
-    ),
-    "hexadecimal.toml": (
-        lambda: 'id = "h1"\ndepth_m = 0x' + "F" * 900_000, "beyond 64 bits"
-    ),
+    "huge.toml": (lambda: 'id = "h1"\ndepth_m = ' + "9" * 4000, "beyond 64 bits"),
+    "hexadecimal.toml": (lambda: 'id = "h1"\ndepth_m = 0x' + "F" * 900_000, "beyond 64 bits"),
     "name.toml": (lambda: 'id = "' + "k" * 900_000 + '"', "1 to 200 characters"),
     "long-key.toml": (lambda: '"' + "k" * 900_000 + '" = 1', "has no key"),
-}  # fmt: skip
+}
 """Text of each file, and what is said of it."""
 
 CHILD = """

@@ -12,11 +12,7 @@ from tests.draws.sensor_tables import buoys
 from tests.files.synthetic_containers import synthetic
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.errors import DataError, UwtrackNote
-from uwtrack_cli.files.tables.replay import (
-    read_replay,
-    read_replay_track,
-    replay_lines,
-)
+from uwtrack_cli.files.tables.replay import read_replay, read_replay_track, replay_lines
 from uwtrack_cli.motion.locate import locate_vessels
 
 REAL = Path(os.environ.get("UWTRACK_REAL_DATA", "/nowhere")) / "debrief"
@@ -48,9 +44,7 @@ def test_what_is_written_reads_back(tmp_path):
     assert np.unique(read.contact).tolist() == [1]
     np.testing.assert_allclose(read.time_s, made.time_s, atol=1e-3)
     np.testing.assert_allclose(read.bearing_deg, made.bearing_deg, atol=1e-6)
-    np.testing.assert_allclose(
-        read.mirrored_bearing_deg, made.mirrored_bearing_deg, atol=1e-6
-    )
+    np.testing.assert_allclose(read.mirrored_bearing_deg, made.mirrored_bearing_deg, atol=1e-6)
     for name in ("bearing_std_deg", "frequency_hz", "frequency_std_hz"):
         np.testing.assert_allclose(getattr(read, name), getattr(made, name))
     for name in ("sensor_east_m", "sensor_north_m"):
@@ -59,9 +53,7 @@ def test_what_is_written_reads_back(tmp_path):
     cuts = list(replay_lines([made], [], with_tracks=False))
     assert len(cuts) == made.time_s.size
     plain = replace(made, mirrored_bearing_deg=None)
-    read = read_replay(
-        [written(tmp_path, "\n".join(replay_lines([plain], [], with_tracks=False)))]
-    )
+    read = read_replay([written(tmp_path, "\n".join(replay_lines([plain], [], with_tracks=False)))])
     np.testing.assert_allclose(read.bearing_std_deg, made.bearing_std_deg)
 
 
@@ -146,9 +138,8 @@ def test_legs_are_solutions_where_they_begin_as_debrief_reads_them():
 def test_cuts_have_the_contact_to_which_those_of_their_sensors_were_joined(tmp_path):
     series, _, _ = scene(4100, boats=1, rows=8, miss=0.0, drift_mps=0.0)
     series = replace(
-        series, start_utc_ns=1_700_000_000_000_000_000, origin_latitude=50.0,
-        origin_longitude=-5.0,
-    )  # fmt: skip
+        series, start_utc_ns=1_700_000_000_000_000_000, origin_latitude=50.0, origin_longitude=-5.0
+    )
     found = locate_vessels(series=series, at=["600"])
     lines = list(replay_lines([series], [found], with_tracks=True))
     (tmp_path / "a.rep").write_text("\n".join(lines))

@@ -48,9 +48,7 @@ def test_contacts_are_ordered_by_time_and_missing_deviations_are_nan(tmp_path):
 
 
 def test_utc_times_count_from_the_first_row(tmp_path):
-    text = (
-        "scan,time_utc,z_1\n1,2024-05-01T12:00:00Z,1\n2,2024-05-01T14:00:01.5+02:00,2\n"
-    )
+    text = "scan,time_utc,z_1\n1,2024-05-01T12:00:00Z,1\n2,2024-05-01T14:00:01.5+02:00,2\n"
     scans = read_scans(_table(tmp_path, text))
     assert scans.time_s.tolist() == [0.0, 1.5]
     assert scans.start_utc_ns == 1_714_564_800_000_000_000
@@ -75,10 +73,7 @@ def test_a_curve_is_ordered_by_false_alarm_probability(tmp_path):
         ("time_s,z_1\n1,0\n", "lacks the column scan"),
         ("scan,scan,time_s,z_1\n1,1,0,0\n", "named twice"),
         ("scan,time_s,z_1\n1,0,1\n\n2,1\n", "line 4: 2 cells, 3 columns"),
-        (
-            "scan,time_s,z_1\n1,0,1\n2,1,far\n",
-            "line 3: z_1 must be a number, got 'far'",
-        ),
+        ("scan,time_s,z_1\n1,0,1\n2,1,far\n", "line 3: z_1 must be a number, got 'far'"),
         ("scan,time_s,z_1\n1,0,inf\n", "line 2: z_1 must be a finite number"),
         ("scan,time_s,z_1\n1.5,0,1\n", "line 2: scan must be a whole number, got 1.5"),
         ("scan,time_s,z_1\n1,,1\n", "line 2: time_s must be a number"),

@@ -58,8 +58,7 @@ def test_documented_sensor_file_is_read_as_it_stands(load, tmp_path):
 
 
 def test_full_scale_as_recorders_quote_it_is_the_three_terms_together(load):
-    quoted = load('id = "h1"\nfull_scale_db = 176.2\ndepth_std_m = 0.5\n'
-                  "sound_speed_std_mps = 7.5")  # fmt: skip
+    quoted = load('id = "h1"\nfull_scale_db = 176.2\ndepth_std_m = 0.5\nsound_speed_std_mps = 7.5')
     terms = load('id = "h1"\n' + CALIBRATED.format(-176.2, 0.0, 1.0))
     assert quoted.full_scale_upa == pytest.approx(terms.full_scale_upa)
     assert (quoted.depth_std_m, quoted.sound_speed_std_mps) == (0.5, 7.5)
@@ -188,9 +187,7 @@ def test_deployment_gives_each_recording_its_sensor(tmp_path):
     plan = tmp_path / "plan.toml"
     plan.write_text(DEPLOYMENT)
     assert [d.sensor.id for d in load_deployment(plan)] == ["h1", "h2"]
-    for name, expected in {
-        "h1/a.wav": "h1", "h2_b.wav": "h2", "data/late/h2-1.flac": "h2",
-    }.items():  # fmt: skip
+    for name, expected in {"h1/a.wav": "h1", "h2_b.wav": "h2", "data/late/h2-1.flac": "h2"}.items():
         sensor = find_sensor(tmp_path / name, plan)
         assert sensor is not None
         assert sensor.id == expected
@@ -206,9 +203,7 @@ def test_deployment_gives_each_recording_its_sensor(tmp_path):
     place=st.integers(0, len(DOCUMENTED) - 1),
     piece=st.text(max_size=4) | st.sampled_from(["nan", "inf", "[[", '"""', "-1e999"]),
 )
-def test_any_damage_of_a_sensor_file_is_an_error_of_ours_or_none(
-    place, piece, tmp_path_factory
-):
+def test_any_damage_of_a_sensor_file_is_an_error_of_ours_or_none(place, piece, tmp_path_factory):
     path = tmp_path_factory.mktemp("s") / "s.toml"
     text = DOCUMENTED[:place] + piece + DOCUMENTED[place + len(piece) :]
     path.write_bytes(text.encode("utf-8", "surrogatepass"))

@@ -2,13 +2,7 @@
 
 import pytest
 
-from uwtrack_cli.files.tables.summaries import (
-    SPARE,
-    SUMMARIES,
-    Head,
-    summary_of,
-    utc_text,
-)
+from uwtrack_cli.files.tables.summaries import SPARE, SUMMARIES, Head, summary_of, utc_text
 
 HEAD = Head("time s", "time_s", 1, "time_std_s")
 
@@ -44,10 +38,7 @@ ROW = {"contact": 1, "sensor": "h1", "status": "ok", "time_s": 148.05,
 def test_what_is_nowhere_known_has_no_column():
     titles = summary_of("encounters", [ROW]).titles
     assert "course deg" not in titles
-    assert (
-        "course deg"
-        in summary_of("encounters", [ROW, ROW | {"course_deg": 8.0}]).titles
-    )
+    assert "course deg" in summary_of("encounters", [ROW, ROW | {"course_deg": 8.0}]).titles
 
 
 def test_a_motion_model_is_shown_where_one_is_not_straight():

@@ -18,11 +18,7 @@ from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, OptionError, UwtrackError, UwtrackWarning
 from uwtrack_cli.files.hdf5.layout import CONTAINERS
-from uwtrack_cli.files.tables.container_tables import (
-    FORMATS,
-    json_rows,
-    write_table,
-)
+from uwtrack_cli.files.tables.container_tables import FORMATS, json_rows, write_table
 from uwtrack_cli.files.tables.navigation import read_navigation
 from uwtrack_cli.files.tables.series import read_series
 
@@ -149,9 +145,7 @@ def test_bearings_that_look_like_radians_are_remarked_on(table):
 
 @settings(max_examples=60, deadline=None)
 @given(text=st.text(max_size=30), place=st.integers(0, 60))
-def test_any_damage_of_a_table_is_an_error_of_ours_or_none(
-    text, place, tmp_path_factory
-):
+def test_any_damage_of_a_table_is_an_error_of_ours_or_none(text, place, tmp_path_factory):
     path = tmp_path_factory.mktemp("t") / "t.csv"
     good = "time_s,time_utc,frequency_hz,level_db\n0,2020-01-01T00:00:00Z,5,6\n"
     damaged = good[:place] + text + good[place:]
@@ -188,9 +182,7 @@ def test_speed_and_course_integrate_to_a_square(unit, table):
     text += "".join(f"{t},{speed},{c}\n" for t, c in rows)
     navigation = read_navigation(table(text))
     np.testing.assert_allclose(navigation.east_m, [0, 0, 0, 1000, 1000], atol=0.03)
-    np.testing.assert_allclose(
-        navigation.north_m, [0, 1000, 1000, 1000, 1000], atol=0.03
-    )
+    np.testing.assert_allclose(navigation.north_m, [0, 1000, 1000, 1000, 1000], atol=0.03)
 
 
 BAD_NAVIGATION = {
@@ -280,16 +272,12 @@ FIX = """
      "speed_mps": 5.9, "course_deg": 81.0, "sensors": ["h1", "h2"]}"""
 
 
-NO_AMBIGUITY = {
-    "ambiguity_encounter": [], "ambiguity_side": [], "ambiguity_weight": [],
-}  # fmt: skip
+NO_AMBIGUITY = {"ambiguity_encounter": [], "ambiguity_side": [], "ambiguity_weight": []}
 
 
 def test_encounter_has_the_documented_keys_types_and_order():
     documented = json.loads(ENCOUNTER)
-    direct = {
-        key: [value] for key, value in documented.items() if key in Encounters.columns()
-    }
+    direct = {key: [value] for key, value in documented.items() if key in Encounters.columns()}
     change = documented["change"]
     times = {"change_time_s": change.pop("time_s"),
              "change_time_std_s": change.pop("time_std_s"),
@@ -429,9 +417,7 @@ def test_reasons_and_ambiguities_are_rows_of_their_own_and_print_as_objects():
 
 
 def test_a_decision_prints_its_reasons_as_the_text_that_scripts_know():
-    found = synthetic(
-        Decision, 2, **reason_columns("reason_pair", [{"history": "Ø"}, {}])
-    )
+    found = synthetic(Decision, 2, **reason_columns("reason_pair", [{"history": "Ø"}, {}]))
     rows = json_rows(found)
     assert list(rows[0])[-2:] == ["observable", "reasons"]
     assert [row["reasons"] for row in rows] == ['{"history": "\\u00d8"}', "{}"]
@@ -487,16 +473,13 @@ def test_a_series_is_written_as_it_is_read(tmp_path):
 
 
 @pytest.mark.parametrize("radians", ["first", "last"])
-def test_a_column_that_changes_from_degrees_to_radians_is_told_with_its_line(
-    tmp_path, radians
-):
+def test_a_column_that_changes_from_degrees_to_radians_is_told_with_its_line(tmp_path, radians):
     path = tmp_path / "bearings.csv"
     bearing = np.array([201.2, 202.9, 201.8, 203.5, 204.1, 203.0, 205.2, 206.1])
     is_turned = (np.arange(8) < 4) == (radians == "first")
     mixed = np.where(is_turned, np.radians(bearing), bearing)
     path.write_text(
-        "time_s,bearing_deg\n"
-        + "".join(f"{10 * k},{b:.4f}\n" for k, b in enumerate(mixed))
+        "time_s,bearing_deg\n" + "".join(f"{10 * k},{b:.4f}\n" for k, b in enumerate(mixed))
     )
     line = 2 if radians == "first" else 6
     with pytest.raises(DataError, match=rf"line {line}: .* 4 of 8 .* radians"):
@@ -504,15 +487,12 @@ def test_a_column_that_changes_from_degrees_to_radians_is_told_with_its_line(
 
 
 @pytest.mark.parametrize("course", [0.0, 3.0, 90.0])
-def test_a_source_that_crosses_north_or_is_passed_is_no_column_of_radians(
-    tmp_path, course
-):
+def test_a_source_that_crosses_north_or_is_passed_is_no_column_of_radians(tmp_path, course):
     path = tmp_path / "bearings.csv"
     noise = np.random.default_rng(5).normal(0.0, 0.8, 60)
     way = np.linspace(-1.0, 1.0, 60)
     bearing = (course + np.degrees(np.arctan2(way, 0.01)) + 90.0 + noise) % 360.0
     path.write_text(
-        "time_s,bearing_deg\n"
-        + "".join(f"{10 * k},{b:.2f}\n" for k, b in enumerate(bearing))
+        "time_s,bearing_deg\n" + "".join(f"{10 * k},{b:.2f}\n" for k, b in enumerate(bearing))
     )
     assert read_series(path).bearing_deg.size == 60

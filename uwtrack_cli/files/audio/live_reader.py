@@ -21,11 +21,7 @@ from uwtrack_cli.data.base import BoolArray
 from uwtrack_cli.data.recording import LiveSource, Samples
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.files.audio.byte_stream import ByteStream
-from uwtrack_cli.files.audio.dropouts import (
-    Dropouts,
-    segment_without_dropouts,
-    without_dropouts,
-)
+from uwtrack_cli.files.audio.dropouts import Dropouts, segment_without_dropouts, without_dropouts
 from uwtrack_cli.files.audio.reader import Tally
 from uwtrack_cli.files.audio.stream_header import StreamHeader
 
@@ -116,9 +112,7 @@ class LiveReader:
 
     def __post_init__(self) -> None:
         """Begin to look for what disturbs the sound."""
-        self._missing = DisturbanceRun(
-            DisturbanceKind.LOST, "the samples are no number", 0.0
-        )
+        self._missing = DisturbanceRun(DisturbanceKind.LOST, "the samples are no number", 0.0)
         self._unchanged = DisturbanceRun(
             DisturbanceKind.UNCHANGED, "the sound does not change", UNCHANGED_S
         )
@@ -186,10 +180,7 @@ class LiveReader:
         return block[:, list(self.columns)]
 
     def _blocks(self, block_samples: int) -> Iterator[Samples]:
-        tally, dropouts = (
-            Tally(len(self.columns)),
-            Dropouts(self.header.sample_rate_hz),
-        )
+        tally, dropouts = (Tally(len(self.columns)), Dropouts(self.header.sample_rate_hz))
         self._pass_over()
         raw = self._read_blocks(block_samples, tally)
         for block in without_dropouts(raw, dropouts, block_samples):
@@ -266,9 +257,7 @@ class LiveReader:
         for run, flags in ((self._missing, is_lost), (self._unchanged, is_same)):
             self.disturbances += run.add(self._n_read, flags, rate_hz)
         for stall_s in self._emptied(self.stream.stalls_s):
-            self._note_moment(
-                DisturbanceKind.STALL, f"no sound came for {stall_s:.1f} s"
-            )
+            self._note_moment(DisturbanceKind.STALL, f"no sound came for {stall_s:.1f} s")
         for jump_s in self._emptied(self.stream.clock_jumps_s):
             self._note_moment(
                 DisturbanceKind.CLOCK_JUMP,
@@ -341,9 +330,7 @@ class DisturbanceRun:
         self.least_s = least_s
         self.start = self.count = self.told = 0
 
-    def add(
-        self, first_sample: int, flags: BoolArray, rate_hz: float
-    ) -> Iterator[Disturbance]:
+    def add(self, first_sample: int, flags: BoolArray, rate_hz: float) -> Iterator[Disturbance]:
         """Take the flags of a block; return what has ended or is worth a word now."""
         at = np.flatnonzero(flags)
         is_broken = not at.size or at[0] > 0 or self.start + self.count != first_sample

@@ -24,11 +24,7 @@ from uwtrack_cli.files.audio.byte_stream import (
 from uwtrack_cli.files.audio.header import sample_bytes_of
 from uwtrack_cli.files.audio.live_reader import LiveReader
 from uwtrack_cli.files.audio.recording_file import select_channels
-from uwtrack_cli.files.audio.stream_header import (
-    RAW_FORMATS,
-    StreamHeader,
-    read_stream_header,
-)
+from uwtrack_cli.files.audio.stream_header import RAW_FORMATS, StreamHeader, read_stream_header
 from uwtrack_cli.files.checks import STANDARD_INPUT, check_readable, is_pipe
 from uwtrack_cli.files.text_escaping import file_name
 

@@ -180,8 +180,7 @@ TAIL_BYTES = 1 << 21
 """Bytes before the end of the file in which its last frames are sought: of 16 channels of
 24 bits, two frames of 16384 samples are 1.6 MB."""
 
-BLOCK_SIZES = {1: 192, **{2 + k: 576 << k for k in range(4)},
-               **{8 + k: 256 << k for k in range(8)}}  # fmt: skip
+BLOCK_SIZES = {1: 192, **{2 + k: 576 << k for k in range(4)}, **{8 + k: 256 << k for k in range(8)}}
 """Samples of a frame by their code; codes 6 and 7 are followed by the number."""
 
 

@@ -16,11 +16,7 @@ import soundfile
 
 from uwtrack_cli.data.recording import Samples
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
-from uwtrack_cli.files.audio.dropouts import (
-    Dropouts,
-    segment_without_dropouts,
-    without_dropouts,
-)
+from uwtrack_cli.files.audio.dropouts import Dropouts, segment_without_dropouts, without_dropouts
 from uwtrack_cli.files.audio.opening import open_sound
 
 FULL_SCALE = 1.0 - 2.0**-15
@@ -114,9 +110,7 @@ class AudioReader:
                 dropouts = Dropouts(file.samplerate)
                 file.seek(self.first)
                 yield from without_dropouts(
-                    self._read_blocks(file, block_samples, tally),
-                    dropouts,
-                    block_samples,
+                    self._read_blocks(file, block_samples, tally), dropouts, block_samples
                 )
         except (soundfile.SoundFileError, RuntimeError, OSError) as error:
             msg = f"{self.path} cannot be read further: {error}."

@@ -23,11 +23,7 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, OptionError, OutputError, UwtrackWarning
 from uwtrack_cli.files.atomic import atomic_target
 from uwtrack_cli.files.audio.header import SampleBytes, sample_bytes
-from uwtrack_cli.files.audio.opening import (
-    decodable_samples,
-    open_sound,
-    why_no_recording,
-)
+from uwtrack_cli.files.audio.opening import decodable_samples, open_sound, why_no_recording
 from uwtrack_cli.files.audio.reader import AudioReader, file_stamp
 from uwtrack_cli.files.checks import check_readable, file_digest
 from uwtrack_cli.files.input_ledger import as_input
@@ -321,9 +317,7 @@ def write_wav(
         msg = f"{kind} has no sample format {subtype!r}."
         raise OptionError(msg)
     with atomic_target(path, overwrite=overwrite) as temporary:
-        return _write_blocks(
-            temporary, path, iter(blocks), int(sample_rate_hz), kind, subtype
-        )
+        return _write_blocks(temporary, path, iter(blocks), int(sample_rate_hz), kind, subtype)
 
 
 def flac_bytes(samples: FloatArray, sample_rate_hz: int) -> bytes:
@@ -338,12 +332,7 @@ def flac_bytes(samples: FloatArray, sample_rate_hz: int) -> bytes:
 
 
 def _write_blocks(
-    temporary: Path,
-    path: Path,
-    blocks: Iterator[Samples],
-    rate: int,
-    kind: str,
-    subtype: str,
+    temporary: Path, path: Path, blocks: Iterator[Samples], rate: int, kind: str, subtype: str
 ) -> int:
     first = next(blocks, None)
     if first is None:

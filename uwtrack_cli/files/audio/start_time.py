@@ -92,9 +92,7 @@ def find_start_utc_ns(
     return next(iter(found), None)
 
 
-def check_clock_options(
-    time_pattern: str | None = None, time_zone: str | None = None
-) -> None:
+def check_clock_options(time_pattern: str | None = None, time_zone: str | None = None) -> None:
     """Refuse what no recording could be read with, before the first one is read.
 
     ``time_pattern``: name of a preset, or a pattern, as for `find_start_utc_ns`.
@@ -136,10 +134,7 @@ def _patterns(text: str) -> dict[str, str]:
         msg = f"time pattern {text!r} uses a directive twice."
         raise OptionError(msg) from error
     if not fields & {"Y", "yy"} or not ("j" in fields or {"m", "d"} <= fields):
-        msg = (
-            f"time pattern {text!r} names no day: it needs %Y or %y, and %m with %d "
-            f"or %j."
-        )
+        msg = f"time pattern {text!r} names no day: it needs %Y or %y, and %m with %d or %j."
         raise OptionError(msg)
     return {text: expression}
 

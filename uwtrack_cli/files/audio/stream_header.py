@@ -197,9 +197,7 @@ def _format(content: bytes, order: str, name: str) -> StreamHeader:
     if len(content) < 16:
         msg = f"{name} has a damaged header: its format chunk is too short."
         raise DataError(msg)
-    tag, n_channels, rate_hz, _, frame, bits = struct.unpack(
-        order + "HHIIHH", content[:16]
-    )
+    tag, n_channels, rate_hz, _, frame, bits = struct.unpack(order + "HHIIHH", content[:16])
     if tag == EXTENSIBLE and len(content) >= 26:
         tag = struct.unpack(order + "H", content[24:26])[0]
     if not n_channels:

@@ -53,9 +53,7 @@ class AppendableGroup:
         self.sensor = sensor if own is None else own
         self.absent = _absent(block)
         self.parts = {
-            name: AppendableGroup(
-                file, f"{path}/{name}", getattr(block, name), self.sensor
-            )
+            name: AppendableGroup(file, f"{path}/{name}", getattr(block, name), self.sensor)
             for name in part_classes(kind)
             if name not in self.absent
         }
@@ -156,9 +154,7 @@ class AppendableGroup:
             if name not in self.absent and appendable == is_appendable(self.kind, spec):
                 yield name, spec
 
-    def _write(
-        self, name: str, spec: Column, rows: NDArray[Any], *, final: bool
-    ) -> None:
+    def _write(self, name: str, spec: Column, rows: NDArray[Any], *, final: bool) -> None:
         if name not in self.datasets:
             self.datasets[name] = dataset = self.group.create_dataset(
                 name,
@@ -227,9 +223,8 @@ def set_text(item: Any, name: str, text: str) -> None:
 def make_scale(group: h5py.Group, name: str, size: int) -> h5py.Dataset:
     """Make a dimension without values: it names an axis and takes no room."""
     scale = group.create_dataset(
-        name, shape=(size,), maxshape=(None,), chunks=(1024,), dtype="i1",
-        fletcher32=True,
-    )  # fmt: skip
+        name, shape=(size,), maxshape=(None,), chunks=(1024,), dtype="i1", fletcher32=True
+    )
     scale.make_scale(DIMENSION_ONLY)
     set_text(scale, "units", "1")
     set_text(scale, "long_name", f"Axis {name} (an axis without values of its own).")

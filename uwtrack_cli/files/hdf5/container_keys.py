@@ -43,9 +43,7 @@ def sole_key(
     found = [
         key
         for key in keys
-        if key.name == kind.NAME
-        and sensor in (None, key.sensor)
-        and step in (None, key.step)
+        if key.name == kind.NAME and sensor in (None, key.sensor) and step in (None, key.step)
     ]
     usual = [key for key in found if not key.step]
     for chosen in (found, usual):  # a step of its stage's name needs no naming
@@ -80,20 +78,13 @@ class ContainerHolder(ABC):
         """Return the container of a key."""
 
     @overload
-    def read(
-        self, kind: type[C], sensor: str | None = None, step: str | None = None
-    ) -> C: ...
+    def read(self, kind: type[C], sensor: str | None = None, step: str | None = None) -> C: ...
 
     @overload
-    def read(
-        self, kind: str, sensor: str | None = None, step: str | None = None
-    ) -> Container: ...
+    def read(self, kind: str, sensor: str | None = None, step: str | None = None) -> Container: ...
 
     def read(
-        self,
-        kind: type[Container] | str,
-        sensor: str | None = None,
-        step: str | None = None,
+        self, kind: type[Container] | str, sensor: str | None = None, step: str | None = None
     ) -> Container:
         """Return a container.
 

@@ -108,9 +108,8 @@ def check_bytes(source: Path | bytes, name: str) -> Checksum:
         raise DataError(msg)
     try:
         facts = run_limited(
-            f"{__name__}:root_facts", *_by_path(source),
-            seconds=PATIENCE_S, data=_by_data(source),
-        )  # fmt: skip
+            f"{__name__}:root_facts", *_by_path(source), seconds=PATIENCE_S, data=_by_data(source)
+        )
     except DataError as error:
         msg = (
             f"{name} is damaged or was cut short: it cannot be opened. "
@@ -250,9 +249,7 @@ def check_stored(dataset: h5py.Dataset) -> None:
     chunks = plist.get_chunk() if layout == h5py.h5d.CHUNKED else ()
     claimed = math.prod(dataset.id.shape) * dtype.itemsize
     chunk = math.prod(chunks) * dtype.itemsize
-    held = min(
-        dataset.id.get_storage_size(), h5py.h5i.get_file_id(dataset.id).get_filesize()
-    )
+    held = min(dataset.id.get_storage_size(), h5py.h5i.get_file_id(dataset.id).get_filesize())
     if max(claimed, chunk if claimed and chunks else 0) > held:
         msg = f"{dataset.name} claims {max(claimed, chunk)} bytes, more than the file holds"
         raise DataError(msg)
@@ -282,9 +279,7 @@ def _openable(source: Path | bytes) -> Any:
 def root_facts(path: str, data: bytes) -> dict[str, Any]:
     """Return the root attributes that say what a file is, as far as it has them."""
     found: dict[str, Any] = {}
-    with h5py.File(
-        as_input(_openable(Path(path) if path else data)), "r", locking=False
-    ) as file:
+    with h5py.File(as_input(_openable(Path(path) if path else data)), "r", locking=False) as file:
         for key in FACTS:
             with contextlib.suppress(*HDF5_ERRORS):
                 found[key] = attribute(file, key)
@@ -294,10 +289,7 @@ def root_facts(path: str, data: bytes) -> dict[str, Any]:
 def structure_problem(path: str, name: str, data: bytes) -> None:
     """Raise a DataError if a file has anything that products do not have."""
     source = Path(path) if path else data
-    with (
-        reading(name),
-        h5py.File(as_input(_openable(source)), "r", locking=False) as file,
-    ):
+    with reading(name), h5py.File(as_input(_openable(source)), "r", locking=False) as file:
         check_facts({key: attribute(file, key) for key in FACTS}, name)
         check_structure(file)
 
@@ -361,10 +353,7 @@ def _check_chunks(dataset: h5py.Dataset) -> None:
 
 def _object(group: h5py.Group, name: str) -> Any:
     if group.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
-        msg = (
-            f"{group.name}/{name} is a link to elsewhere, which result files do not "
-            f"have"
-        )
+        msg = f"{group.name}/{name} is a link to elsewhere, which result files do not have"
         raise DataError(msg)
     item = h5py.h5o.open(group.id, name.encode())
     if isinstance(item, h5py.h5g.GroupID):

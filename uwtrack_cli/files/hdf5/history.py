@@ -98,8 +98,7 @@ class HistoryStep:
                 options=dict(raw["options"]),
                 versions={_text(k): _text(v) for k, v in raw["versions"].items()},
                 sources=tuple(
-                    Source(name=_text(s["name"]), digest=_text(s["digest"]))
-                    for s in raw["sources"]
+                    Source(name=_text(s["name"]), digest=_text(s["digest"])) for s in raw["sources"]
                 ),
             )
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as e:

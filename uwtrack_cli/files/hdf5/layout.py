@@ -103,9 +103,7 @@ class _ContainerClasses(Mapping[str, type[Container]]):
 CONTAINERS = _ContainerClasses()
 """Container classes by name, in the order of the chain."""
 
-UNSTORED: frozenset[tuple[str, str]] = frozenset(
-    {("recording", "reader"), ("series", "where")}
-)
+UNSTORED: frozenset[tuple[str, str]] = frozenset({("recording", "reader"), ("series", "where")})
 """Fields that live in memory only: they read back as None."""
 
 
@@ -141,9 +139,7 @@ def scalar_types(kind: type[Container]) -> Mapping[str, type]:
     """Return the plain type (str, bool, int or float) of every stored scalar."""
     hints = _hints(kind.NAME)
     return {
-        name: _plain(hints[name])
-        for name in kind.scalars()
-        if (kind.NAME, name) not in UNSTORED
+        name: _plain(hints[name]) for name in kind.scalars() if (kind.NAME, name) not in UNSTORED
     }
 
 

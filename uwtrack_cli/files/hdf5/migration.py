@@ -49,10 +49,7 @@ RENAMED_IN: Mapping[int, Mapping[tuple[str, str], str]] = {
         },
         ("motions", "motion_model"): "reading",
     },
-    3: {
-        ("frames", "valid_fraction"): "effort",
-        ("target", "loss_cusum"): "loss_evidence",
-    },
+    3: {("frames", "valid_fraction"): "effort", ("target", "loss_cusum"): "loss_evidence"},
 }
 """By version: container and new name of a column, and the name it had before."""
 
@@ -72,9 +69,7 @@ def stored_name(version: int, container: str, column: str) -> str:
     return column
 
 
-def migrate(
-    version: int, container: str, column: str, values: NDArray[Any]
-) -> NDArray[Any]:
+def migrate(version: int, container: str, column: str, values: NDArray[Any]) -> NDArray[Any]:
     """Turn elements of a column as a version stores them into those of today's.
 
     ``version``: version of the layout of the file that was read. ``column``: name of
@@ -92,9 +87,7 @@ def migrate(
         return values.astype(now, copy=False)
 
 
-def split_columns(
-    version: int, container: str
-) -> Mapping[str, Callable[[TextArray], Columns]]:
+def split_columns(version: int, container: str) -> Mapping[str, Callable[[TextArray], Columns]]:
     """Return the columns of a version's container that are several today.
 
     Each comes with the function that makes today's columns of its decoded elements.
@@ -105,9 +98,7 @@ def split_columns(
 def _reasons(owner: str) -> Callable[[TextArray], Columns]:
     def split(texts: TextArray) -> Columns:
         parsed = [_parsed(text, dict) for text in texts]
-        return reason_columns(
-            owner, [{str(k): str(v) for k, v in row.items()} for row in parsed]
-        )
+        return reason_columns(owner, [{str(k): str(v) for k, v in row.items()} for row in parsed])
 
     return split
 
@@ -138,10 +129,7 @@ def _parsed(text: str, kind: type) -> Any:
 
 
 SPLIT_IN_3: Mapping[str, Mapping[str, Callable[[TextArray], Columns]]] = {
-    "encounters": {
-        "reasons": _reasons("reason_encounter"),
-        "ambiguities": _ambiguities,
-    },
+    "encounters": {"reasons": _reasons("reason_encounter"), "ambiguities": _ambiguities},
     "motions": {"reasons": _reasons("reason_motion")},
     "decision": {"reasons": _reasons("reason_pair")},
 }

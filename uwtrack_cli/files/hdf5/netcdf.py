@@ -70,9 +70,7 @@ def _is_second(container: Container) -> bool:
     return container.NAME != "overview"
 
 
-def _write(
-    file: h5py.File, container: Container, step: str, start_ns: int | None
-) -> None:
+def _write(file: h5py.File, container: Container, step: str, start_ns: int | None) -> None:
     owners = [safe_name(n) for n in (sensor_of(container), step) if n]
     name = "_".join([*owners, container.NAME])
     own_ns = _own_start_ns(container, start_ns)

@@ -32,12 +32,7 @@ from uwtrack_cli.files.hdf5.examination import (
 )
 from uwtrack_cli.files.hdf5.history import HistoryStep, Source
 from uwtrack_cli.files.hdf5.layout import CONTAINERS
-from uwtrack_cli.files.hdf5.reader import (
-    Product,
-    read_in_child,
-    read_product,
-    read_product_bytes,
-)
+from uwtrack_cli.files.hdf5.reader import Product, read_in_child, read_product, read_product_bytes
 from uwtrack_cli.files.hdf5.writer import ProductWriter, product_to_bytes, write_product
 from uwtrack_cli.files.input_ledger import as_input
 from uwtrack_cli.files.limited_process import run_limited
@@ -77,8 +72,7 @@ def verify_product(path: Path | str) -> list[str]:
     try:
         checksum = check_bytes(path, str(path))
         problems = [
-            str(problem)
-            for problem in look_apart(f"{__name__}:content_problems", path, str(path))
+            str(problem) for problem in look_apart(f"{__name__}:content_problems", path, str(path))
         ]
         if problems:
             return problems
@@ -200,7 +194,6 @@ def _source_problems(path: Path, step: HistoryStep) -> list[str]:
             continue
         if now != source.digest:
             problems.append(
-                f"{beside.name} beside it is no longer the file that step "
-                f"{step.stage!r} read."
+                f"{beside.name} beside it is no longer the file that step {step.stage!r} read."
             )
     return problems

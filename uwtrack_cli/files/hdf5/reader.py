@@ -22,17 +22,8 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines, point_order
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.hdf5.checksum import Checksum
-from uwtrack_cli.files.hdf5.container_keys import (
-    ContainerHolder,
-    ContainerKey,
-    sole_key,
-)
-from uwtrack_cli.files.hdf5.examination import (
-    attribute,
-    check_stored,
-    open_examined,
-    reading,
-)
+from uwtrack_cli.files.hdf5.container_keys import ContainerHolder, ContainerKey, sole_key
+from uwtrack_cli.files.hdf5.examination import attribute, check_stored, open_examined, reading
 from uwtrack_cli.files.hdf5.history import HistoryStep
 from uwtrack_cli.files.hdf5.layout import (
     CONTAINERS,
@@ -42,11 +33,7 @@ from uwtrack_cli.files.hdf5.layout import (
     part_classes,
     scalar_types,
 )
-from uwtrack_cli.files.hdf5.migration import (
-    migrate,
-    split_columns,
-    stored_name,
-)
+from uwtrack_cli.files.hdf5.migration import migrate, split_columns, stored_name
 
 C = TypeVar("C", bound=Container)
 Rows = Mapping[tuple[str, str], slice]
@@ -176,9 +163,7 @@ class Product(ContainerHolder):
         """Read the containers of a kind, a class or its name, of all sensors."""
         wanted = container_class(kind) if isinstance(kind, str) else kind
         return [
-            self.read(wanted, key.sensor, key.step)
-            for key in self.paths
-            if key.name == wanted.NAME
+            self.read(wanted, key.sensor, key.step) for key in self.paths if key.name == wanted.NAME
         ]
 
     def stream(
@@ -271,9 +256,7 @@ def _container_paths(file: h5py.File) -> dict[ContainerKey, str]:
 
     A group of another name is a sensor's, the one of steps, or a step's within them.
     """
-    found = {
-        ContainerKey(None, own): f"/{name}" for name in file if (own := _held(name))
-    }
+    found = {ContainerKey(None, own): f"/{name}" for name in file if (own := _held(name))}
     for name in (n for n in file if not _held(n)):
         group = file[name]
         if not isinstance(group, h5py.Group):
@@ -293,9 +276,7 @@ def _container_paths(file: h5py.File) -> dict[ContainerKey, str]:
                 if own := _held(each):
                     key = ContainerKey(sensor, own, step)
                     found[key] = f"/{name}/{inside}/{each}"
-    return dict(
-        sorted(found.items(), key=lambda row: (row[0].sensor or "", *row[0][1:]))
-    )
+    return dict(sorted(found.items(), key=lambda row: (row[0].sensor or "", *row[0][1:])))
 
 
 def _held(group: str) -> str:
@@ -306,11 +287,7 @@ def _held(group: str) -> str:
 
 def _history(file: h5py.File) -> list[str]:
     steps = file["history"]
-    if (
-        not isinstance(steps, h5py.Dataset)
-        or steps.ndim != 1
-        or steps.dtype.kind != "S"
-    ):
+    if not isinstance(steps, h5py.Dataset) or steps.ndim != 1 or steps.dtype.kind != "S":
         msg = "/history is no list of texts"
         raise DataError(msg)
     check_stored(steps)
@@ -326,9 +303,7 @@ def read_whole(file: h5py.File, path: str, kind: type[C], hold: Hold = np.asarra
     if kind is Lines:
         # before the points: each column is put in order and held before the next
         own, columns = _group(file, path, kind), kind.columns()
-        line, frame = (
-            _column(own, name, columns[name], slice(None)) for name in ("line", "frame")
-        )
+        line, frame = (_column(own, name, columns[name], slice(None)) for name in ("line", "frame"))
         orders = {(kind.NAME, "point"): point_order(line, frame)}
     return _read(file, path, kind, {}, hold, orders)
 
@@ -492,9 +467,7 @@ def _stream(file: h5py.File, path: str, kind: type[C], block_rows: int) -> Itera
             begin = begins[name, axis]
             column = _dataset(own, "frame", CONTAINERS[name].columns()["frame"])
             last = stop == n_frames
-            end = (
-                column.shape[0] if last else bisect_left(column, first + stop, lo=begin)
-            )
+            end = column.shape[0] if last else bisect_left(column, first + stop, lo=begin)
             _check_order(column[begin:end], first + start, first + stop, column.name)
             begins[name, axis] = end
             rows[name, axis] = slice(begin, end)

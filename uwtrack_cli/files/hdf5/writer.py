@@ -40,11 +40,7 @@ from uwtrack_cli import __version__
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.errors import DataError, OutputError, UwtrackError
 from uwtrack_cli.files.atomic import atomic_target
-from uwtrack_cli.files.hdf5.appendable_group import (
-    AppendableGroup,
-    make_scale,
-    set_text,
-)
+from uwtrack_cli.files.hdf5.appendable_group import AppendableGroup, make_scale, set_text
 from uwtrack_cli.files.hdf5.checksum import append_checksum
 from uwtrack_cli.files.hdf5.examination import examined
 from uwtrack_cli.files.hdf5.history import HistoryStep
@@ -74,9 +70,7 @@ class ProductStore:
     """The HDF5 file of a product that is not complete: takes containers, then ends."""
 
     def __init__(self, file: Any) -> None:
-        self.file = h5py.File(
-            file, "w", libver=LIBVER, rdcc_nbytes=CACHE_BYTES, rdcc_w0=1.0
-        )
+        self.file = h5py.File(file, "w", libver=LIBVER, rdcc_nbytes=CACHE_BYTES, rdcc_w0=1.0)
         self.file.attrs["schema_version"] = np.int64(SCHEMA_VERSION)
         self._tops: dict[str, AppendableGroup] = {}
         self._whole: set[str] = set()
@@ -144,9 +138,8 @@ class ProductStore:
                 set_text(owner, "sensor", group.sensor)
         steps = encode(np.array([step.to_json() for step in history], dtype=np.str_))
         dataset = self.file.create_dataset(
-            "history", data=steps, maxshape=(None,), chunks=(max(1, steps.size),),
-            fletcher32=True,
-        )  # fmt: skip
+            "history", data=steps, maxshape=(None,), chunks=(max(1, steps.size),), fletcher32=True
+        )
         set_text(dataset, "units", "1")
         set_text(dataset, "long_name", "What was done, one step per row, as JSON.")
         dataset.dims[0].attach_scale(make_scale(self.file, "step", steps.size))
@@ -260,10 +253,7 @@ class ProductWriter:
                 sha256 = append_checksum(file)
             examined.add(sha256)
         except BaseException:
-            with (
-                signals_held(),
-                contextlib.suppress(OSError, RuntimeError, ValueError),
-            ):
+            with signals_held(), contextlib.suppress(OSError, RuntimeError, ValueError):
                 if self._store is not None:
                     self._store.file.close()
             raise
@@ -405,9 +395,7 @@ def on_disk(values: NDArray[Any]) -> NDArray[Any]:
 
 
 ENDING = [
-    getattr(signal, name)
-    for name in ("SIGINT", "SIGTERM", "SIGHUP")
-    if hasattr(signal, name)
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 ]
 """Signals that end a program."""
 

@@ -111,9 +111,7 @@ def read_sentences(path: Path) -> AisMessages:
         sent_ns = received_ns - _delay_ns(received_ns, getattr(report, "second", 60))
         is_long_range = report.msg_type == 27  # there 63 knots is "not available"
         speed = np.nan if is_long_range and report.speed >= 63 else report.speed
-        rows.append(
-            (report.mmsi, sent_ns, report.lat, report.lon, speed, report.course)
-        )
+        rows.append((report.mmsi, sent_ns, report.lat, report.lon, speed, report.course))
     if not rows:
         msg = (
             f"{path} holds {n_timeless} position reports and the time of none of them; a "
@@ -172,9 +170,7 @@ class _Log:
                 if found is None:
                     continue
                 if found[2] == b"1":  # the parts that follow belong to the first
-                    self.time_ns = _received_ns(
-                        line[: found.start()], line[found.end() :]
-                    )
+                    self.time_ns = _received_ns(line[: found.start()], line[found.end() :])
                 yield found[0]
 
 
@@ -281,9 +277,7 @@ def _read_csv(path: Path) -> AisMessages:
     table.need(*(name for name, own in COLUMNS.items() if own.needed))
     cells.pop("time_s", None)
     is_day_first = _begins_with(path, DAY_FIRST)
-    cells["time_utc"] = [
-        _iso(cell, is_day_first=is_day_first) for cell in cells["time_utc"]
-    ]
+    cells["time_utc"] = [_iso(cell, is_day_first=is_day_first) for cell in cells["time_utc"]]
     time_s, start_ns = table_times(table)
     columns = [table.measured(name, COLUMNS[name]) for name in NUMBERS]
     kept = table.undamaged()

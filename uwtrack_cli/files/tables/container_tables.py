@@ -90,9 +90,7 @@ def _json(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
-def _json_array(
-    rows: Iterable[Row], before: str = "", after: str = ""
-) -> Iterator[str]:
+def _json_array(rows: Iterable[Row], before: str = "", after: str = "") -> Iterator[str]:
     """Yield an array, one row per line, without ever holding it as a whole."""
     last: str | None = None
     for row in rows:

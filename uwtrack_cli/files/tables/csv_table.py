@@ -127,12 +127,7 @@ class Table:
             raise DataError(msg)
 
     def numbers(
-        self,
-        name: str,
-        low: float = -np.inf,
-        high: float = np.inf,
-        *,
-        may_miss: bool = False,
+        self, name: str, low: float = -np.inf, high: float = np.inf, *, may_miss: bool = False
     ) -> FloatArray:
         """Return a column of finite numbers within limits.
 
@@ -159,9 +154,7 @@ class Table:
                 continue
             if not (np.isfinite(values[row]) and low <= values[row] <= high):
                 limits = f" from {low:g} to {high:g}" if np.isfinite(low) else ""
-                self.refuse(
-                    row, f"{name} must be a finite number{limits}, got {cell[:80]}."
-                )
+                self.refuse(row, f"{name} must be a finite number{limits}, got {cell[:80]}.")
         return values
 
     def whole_numbers(self, name: str, low: float, high: float) -> IntArray:
@@ -205,12 +198,7 @@ class Table:
             warn(msg, UwtrackWarning, stacklevel=3)
 
 
-def read_table(
-    path: Path,
-    heading: str = "",
-    *,
-    may_be_damaged: bool = False,
-) -> Table:
+def read_table(path: Path, heading: str = "", *, may_be_damaged: bool = False) -> Table:
     """Read the cells of a CSV file.
 
     ``path``: the file, UTF-8, with or without a byte-order mark. ``heading``: begin of
@@ -253,9 +241,7 @@ def read_declared(path: Path, kind: type[Container], *others: str) -> Table:
     times = ("time_s", "time_utc") if "time_s" in columns else ()
     table.check_known([*itertools.chain(*names.values()), *times, *others])
     needed = {name: spec.cells for name, spec in columns.items() if spec.cells}
-    table.need(
-        *(n for name, cells in needed.items() if cells.needed for n in names[name])
-    )
+    table.need(*(n for name, cells in needed.items() if cells.needed for n in names[name]))
     return table
 
 
@@ -292,14 +278,10 @@ def _declared_names(table: Table, kind: type[Container]) -> dict[str, list[str]]
     count = max(numbers, default=int(bool(wide) and wide[0] in table))
     further = [f"_{number}" for number in range(2, min(count, MAX_COLUMNS) + 1)]
     lines = ["", *further] if count else []
-    return {
-        name: [name + end for end in (lines if name in wide else [""])] for name in told
-    }
+    return {name: [name + end for end in (lines if name in wide else [""])] for name in told}
 
 
-def _table(
-    path: Path, rows: Iterator[tuple[int, list[str]]], *, is_strict: bool
-) -> Table:
+def _table(path: Path, rows: Iterator[tuple[int, list[str]]], *, is_strict: bool) -> Table:
     """Gather rows by column; a cell that occurs often is kept once."""
     _, header = next(rows, (0, None))
     if header is None:
@@ -382,10 +364,7 @@ def _names(path: Path, header: list[str]) -> list[str]:
     names = [ALIASES.get(name, name) for name in plain]
     for name, times in Counter(names).items():
         if not name or times > 1:
-            msg = (
-                f"{path}: column {shown(name)} is empty or named twice: "
-                f"{_some(header)}."
-            )
+            msg = f"{path}: column {shown(name)} is empty or named twice: {_some(header)}."
             raise DataError(msg)
     return names
 
@@ -426,9 +405,7 @@ def table_times(table: Table) -> tuple[FloatArray, int | None]:
     return time_s, start_ns
 
 
-def check_increasing(
-    table: Table, time_s: FloatArray, contact: IntArray | None = None
-) -> None:
+def check_increasing(table: Table, time_s: FloatArray, contact: IntArray | None = None) -> None:
     """Refuse times that do not strictly increase (per contact).
 
     Raises

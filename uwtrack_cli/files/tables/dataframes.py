@@ -176,9 +176,7 @@ def _dimensions(container: Container, columns: Columns) -> dict[str, str]:
     """
     axes = {axis for spec, _ in columns.values() for axis in spec.axes}
     names = {
-        axis: f"{axis}_row"
-        for axis in axes & set(columns)
-        if columns[axis][0].axes != (axis,)
+        axis: f"{axis}_row" for axis in axes & set(columns) if columns[axis][0].axes != (axis,)
     }
     if "time_s" in columns and columns["time_s"][0].axes[0] in _time_axes(container):
         names[columns["time_s"][0].axes[0]] = "time"

@@ -159,9 +159,7 @@ def _encounter(container: Encounters, _: int, values: Row) -> None:
 def _why_no_vessel(encounters: Encounters) -> str:
     if not encounters.ais_name:
         return "no AIS table was given"
-    return (
-        f"no vessel of {encounters.ais_name} within {encounters.ais_within_m:g} m fits"
-    )
+    return f"no vessel of {encounters.ais_name} within {encounters.ais_within_m:g} m fits"
 
 
 def _fix(container: Fixes, i: int, values: Row) -> None:

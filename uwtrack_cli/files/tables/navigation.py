@@ -18,12 +18,7 @@ from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.tables.csv_table import (
-    Table,
-    check_increasing,
-    columns_of,
-    read_declared,
-)
+from uwtrack_cli.files.tables.csv_table import Table, check_increasing, columns_of, read_declared
 
 OTHERS = ("latitude", "longitude", "speed_mps", "speed_kn", "course_deg")
 """Columns from which positions are made where the table has not their metres."""
@@ -81,11 +76,6 @@ def _integrated(table: Table, time_s: FloatArray) -> dict[str, Any]:
     name = "speed_kn" if "speed_kn" in table else "speed_mps"
     speed_mps = unit * table.numbers(name, 0.0, FASTEST_MPS / unit)
     course = np.radians(table.numbers("course_deg", -360.0, 360.0))
-    rates = {
-        "east_m": speed_mps * np.sin(course),
-        "north_m": speed_mps * np.cos(course),
-    }
-    ways = {
-        name: np.cumsum(rate[:-1] * np.diff(time_s)) for name, rate in rates.items()
-    }
+    rates = {"east_m": speed_mps * np.sin(course), "north_m": speed_mps * np.cos(course)}
+    ways = {name: np.cumsum(rate[:-1] * np.diff(time_s)) for name, rate in rates.items()}
     return {name: np.append(0.0, way) for name, way in ways.items()}

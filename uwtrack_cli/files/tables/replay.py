@@ -179,9 +179,7 @@ class _Line:
         seconds = self.number(f"{what} seconds", 0, 60)
         side = self.word(f"{what}'s hemisphere").upper()
         if side not in tuple(sides):
-            self.fail(
-                f"the {what} must end with {' or '.join(sides)}, got {side[:40]}."
-            )
+            self.fail(f"the {what} must end with {' or '.join(sides)}, got {side[:40]}.")
         angle = degrees + minutes / 60.0 + seconds / 3600.0
         if not angle <= most:
             self.fail(f"the {what} is no angle up to {most} degrees.")
@@ -235,9 +233,7 @@ def read_replay(paths: Sequence[Path]) -> Series:
     return placed
 
 
-def read_replay_track(
-    path: Path, name: str | None = None, flag: str | None = None
-) -> Navigation:
+def read_replay_track(path: Path, name: str | None = None, flag: str | None = None) -> Navigation:
     """Read the track of a ship of a REP file.
 
     ``name``: name of the ship; None where the file has one ship alone. ``flag``: option
@@ -343,9 +339,7 @@ def _unrepeated(cuts: list[_Cut]) -> list[_Cut]:
             first = first or cut.where
         seen.setdefault(key, cut)
     if first:
-        msg = (
-            f"{len(cuts) - len(seen)} repeated cuts are left out, the first in {first}."
-        )
+        msg = f"{len(cuts) - len(seen)} repeated cuts are left out, the first in {first}."
         warn(msg, UwtrackNote, stacklevel=3)
     return sorted(seen.values(), key=lambda cut: cut.time_ns)
 
@@ -367,20 +361,13 @@ def _sensors(cuts: Sequence[_Cut]) -> list[str]:
     """Return the sensor of every cut, with its ship's name where several have it."""
     ships = {(cut.track, cut.sensor) for cut in cuts}
     count = Counter(sensor for _, sensor in ships)
-    return [
-        cut.sensor if count[cut.sensor] == 1 else f"{cut.track} {cut.sensor}"
-        for cut in cuts
-    ]
+    return [cut.sensor if count[cut.sensor] == 1 else f"{cut.track} {cut.sensor}" for cut in cuts]
 
 
 def _lines(values: FloatArray, heard: FloatArray | None = None) -> FloatArray:
     """Return a column of frequencies as a table of one line, or of none."""
     known = values if heard is None else heard
-    return (
-        values[:, np.newaxis]
-        if np.isfinite(known).any()
-        else np.zeros((values.size, 0))
-    )
+    return values[:, np.newaxis] if np.isfinite(known).any() else np.zeros((values.size, 0))
 
 
 def _placed(series: Series, cuts: Sequence[_Cut], tracks: dict[str, _Track]) -> Series:
@@ -454,9 +441,7 @@ def replay_lines(
     """
     for one in (_as_joined(table, told) for table in series):
         if one.start_utc_ns is None:
-            msg = (
-                "REP and DSF need UTC, and the table has seconds alone: give time_utc."
-            )
+            msg = "REP and DSF need UTC, and the table has seconds alone: give time_utc."
             raise DataError(msg)
         places = _latitudes(one)
         if with_tracks and places is not None and one.sensor is not None:
@@ -494,9 +479,7 @@ def _latitudes(series: Series) -> tuple[FloatArray, FloatArray] | None:
     return to_latitude_longitude(east, north, origin)
 
 
-def _sensor_tracks(
-    series: Series, places: tuple[FloatArray, FloatArray]
-) -> Iterator[str]:
+def _sensor_tracks(series: Series, places: tuple[FloatArray, FloatArray]) -> Iterator[str]:
     names = np.empty(0, np.str_) if series.sensor is None else series.sensor
     for name in dict.fromkeys(names.tolist()):
         rows = np.flatnonzero(names == name)
@@ -522,9 +505,7 @@ def _ways(series: Series, rows: IntArray) -> tuple[FloatArray, FloatArray]:
     return np.hypot(*rate), np.degrees(np.arctan2(*rate)) % 360.0
 
 
-def _cut_lines(
-    series: Series, places: tuple[FloatArray, FloatArray] | None
-) -> Iterator[str]:
+def _cut_lines(series: Series, places: tuple[FloatArray, FloatArray] | None) -> Iterator[str]:
     mirrored = series.mirrored_bearing_deg
     if series.frequency_hz.shape[1] > 1:
         msg = (
@@ -552,9 +533,7 @@ def _cut_lines(
                 series.bearing_deg[row], series.bearing_std_deg[row], frequency[row],
                 frequency_std[row],
             ]  # fmt: skip
-        numbers = " ".join(
-            "NULL" if np.isnan(value) else f"{value:.10g}" for value in values
-        )
+        numbers = " ".join("NULL" if np.isnan(value) else f"{value:.10g}" for value in values)
         yield (
             f"{tag} {_moment(_epoch(series, row))} {_name(sensor)} @A {place} {numbers} "
             f"NULL {_name(sensor)} {text}"
@@ -563,9 +542,7 @@ def _cut_lines(
 
 def _stds(bearing_std_deg: float, frequency_std_hz: float) -> str:
     """Return the deviations for which a cut of two bearings has no place."""
-    text = (
-        "" if np.isnan(bearing_std_deg) else f" bearing_std_deg {bearing_std_deg:.10g}"
-    )
+    text = "" if np.isnan(bearing_std_deg) else f" bearing_std_deg {bearing_std_deg:.10g}"
     if np.isnan(frequency_std_hz):
         return text
     return f"{text} frequency_std_hz {frequency_std_hz:.10g}"
@@ -591,10 +568,7 @@ def _leg_lines(motions: Motions) -> Iterator[str]:
     for row in np.flatnonzero((motions.mode == 1) & (motions.time_utc_ns >= 0)):
         legs = motions.ragged("legs", int(row))
         for leg in legs:
-            state = [
-                leg[name]
-                for name in ("range_m", "bearing_deg", "speed_mps", "course_deg")
-            ]
+            state = [leg[name] for name in ("range_m", "bearing_deg", "speed_mps", "course_deg")]
             if not np.isfinite(state).all():
                 continue
             since_s = leg["start_s"] - motions.time_s[row]
@@ -603,9 +577,7 @@ def _leg_lines(motions: Motions) -> Iterator[str]:
             across = np.radians(leg["bearing_std_deg"]) * leg["range_m"]
             turned = leg["bearing_deg"] + (0.0 if along >= across else 90.0)
             axes = sorted((HALF_95 * along / YARD_M, HALF_95 * across / YARD_M))
-            owner = (
-                "sensor" if motions.reference is None else str(motions.reference[row])
-            )
+            owner = "sensor" if motions.reference is None else str(motions.reference[row])
             yield (
                 f";TMA_RB: {_moment(time_ns)} {_name(owner or 'sensor')} @C "
                 f"{leg['bearing_deg']:.2f} {leg['range_m'] / YARD_M:.0f} "

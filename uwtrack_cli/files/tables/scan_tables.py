@@ -26,9 +26,7 @@ TABLES = (".csv", ".txt", ".tsv")
 """Endings of tables."""
 
 
-def table_readers(
-    sensors: Sequence[Sensor] = (),
-) -> dict[str, Callable[[Path], Container]]:
+def table_readers(sensors: Sequence[Sensor] = ()) -> dict[str, Callable[[Path], Container]]:
     """Return the reader of each container that a CSV table may be, by its name.
 
     ``sensors``: those that a table may name in its rows.
@@ -68,9 +66,7 @@ def read_scans(path: Path | str) -> Scans:
         raise DataError(msg)
     names, units = zip(*(named[i] for i in numbers), strict=True)
     deviations = [f"std_{i}" for i in numbers]
-    table.check_known(
-        [*names, *deviations, "scan", "time_s", "time_utc", "amplitude", "contact"]
-    )
+    table.check_known([*names, *deviations, "scan", "time_s", "time_utc", "amplitude", "contact"])
     table.need("scan")
     return Scans(
         **columns_of(table, Scans),
@@ -131,7 +127,6 @@ def read_delays(path: Path) -> Delays:
     for row in np.flatnonzero((one == other) | (one == "") | (other == ""))[:1]:
         table.fail(
             int(row),
-            f"channel_a and channel_b must be two channels, got {one[row]!r} and "
-            f"{other[row]!r}.",
+            f"channel_a and channel_b must be two channels, got {one[row]!r} and {other[row]!r}.",
         )
     return delays

@@ -111,9 +111,7 @@ class SensorTable:
     """Names of the channels in the order of the file; "-" leaves one out."""
     latitude: Annotated[float, Unit("degree"), AtLeast(-90), AtMost(90)] | None = None
     """Latitude, north positive."""
-    longitude: Annotated[float, Unit("degree"), AtLeast(-180), AtMost(180)] | None = (
-        None
-    )
+    longitude: Annotated[float, Unit("degree"), AtLeast(-180), AtMost(180)] | None = None
     """Longitude, east positive."""
     east_m: Place | None = None
     """Position east of the origin of a local grid."""
@@ -129,15 +127,11 @@ class SensorTable:
     """Compass heading of axes that turn with the housing, or of a fixed array."""
     sound_speed_mps: SoundSpeed | None = None
     """Sound speed at the sensor."""
-    sound_speed_std_mps: (
-        Annotated[float, Unit("m/s"), AtLeast(0), AtMost(1e8)] | None
-    ) = None
+    sound_speed_std_mps: Annotated[float, Unit("m/s"), AtLeast(0), AtMost(1e8)] | None = None
     """Standard deviation of the sound speed."""
     compass_offset_deg: Degrees | None = None
     """Added once to every bearing."""
-    compass_std_deg: (
-        Annotated[float, Unit("degree"), AtLeast(0), AtMost(180)] | None
-    ) = None
+    compass_std_deg: Annotated[float, Unit("degree"), AtLeast(0), AtMost(180)] | None = None
     """Standard deviation of the compass."""
     declination_deg: Literal["place"] | Degrees | None = None
     """Declination at a sensor whose compass shows magnetic north, east positive: added
@@ -149,9 +143,7 @@ class SensorTable:
     response_db: list[tuple[Frequency, Decibel]] | None = None
     """Frequencies in Hz and the response of the buoy there in dB, which is equalised;
     flat if not given. Constant before the first and after the last."""
-    clock_offset_s: Annotated[float, Unit("s"), AtLeast(-1e9), AtMost(1e9)] | None = (
-        None
-    )
+    clock_offset_s: Annotated[float, Unit("s"), AtLeast(-1e9), AtMost(1e9)] | None = None
     """Added once to every time."""
     clock_std_s: Annotated[float, Unit("s"), AtLeast(0), AtMost(1e6)] | None = None
     """Standard deviation of the clock."""
@@ -175,13 +167,11 @@ class SensorTable:
     """Heading of an array: along the ship's track (once "way"), or the navigation's heading_deg."""
     navigation: str | None = None
     """File with positions and headings over time, relative to this one."""
-    navigation_position_std_m: (
-        Annotated[float, Unit("m"), AtLeast(0), AtMost(1e6)] | None
-    ) = None
+    navigation_position_std_m: Annotated[float, Unit("m"), AtLeast(0), AtMost(1e6)] | None = None
     """Standard deviation of each coordinate of the navigation; 10 m unless given."""
-    navigation_velocity_std_mps: (
-        Annotated[float, Unit("m/s"), AtLeast(0), AtMost(100)] | None
-    ) = None
+    navigation_velocity_std_mps: Annotated[float, Unit("m/s"), AtLeast(0), AtMost(100)] | None = (
+        None
+    )
     """Standard deviation of each component of its velocity; 0.1 m/s unless given."""
     sensitivity_db_re_v_per_upa: (
         Annotated[float, Unit("dB re 1 V/uPa"), AtLeast(-400), AtMost(400)] | None
@@ -192,12 +182,7 @@ class SensorTable:
     adc_peak_v: Annotated[float, Unit("V"), AtLeast(1e-6), AtMost(1e6)] | None = None
     """Input voltage at full scale."""
     full_scale_db: (
-        Annotated[
-            float,
-            Unit("dB re 1 uPa"),
-            AtLeast(FULL_SCALE_DB[0]),
-            AtMost(FULL_SCALE_DB[1]),
-        ]
+        Annotated[float, Unit("dB re 1 uPa"), AtLeast(FULL_SCALE_DB[0]), AtMost(FULL_SCALE_DB[1])]
         | None
     ) = None
     """Level of a full-scale peak, instead of the three terms before."""
@@ -325,9 +310,7 @@ class SensorTable:
         names = self.channel_names
         used = sorted(name for name in names if name != "-")
         sole = SOLE_CHANNEL.get(self.kind)
-        accepted = [[sole]] if sole else [
-            ["east", "north", "omni"], ["omni", "x", "y"],
-        ]  # fmt: skip
+        accepted = [[sole]] if sole else [["east", "north", "omni"], ["omni", "x", "y"]]
         if used not in accepted:
             wanted = f'"{sole}" once' if sole else (
                 '"omni", "east", "north" or "omni", "x", "y", each once'
@@ -425,9 +408,7 @@ class DeployedSensor:
     """Patterns of its recordings; empty in a file of one sensor."""
 
 
-def find_sensor(
-    recording: Path | str, sensor_file: Path | str | None = None
-) -> Sensor | None:
+def find_sensor(recording: Path | str, sensor_file: Path | str | None = None) -> Sensor | None:
     """Return the sensor of a recording, None if nothing says what it is.
 
     Parameters

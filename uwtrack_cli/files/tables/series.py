@@ -80,9 +80,7 @@ def read_series(path: Path | str, *, sensors: Sequence[Sensor] | None = None) ->
     values["bearing_deg"] = values["bearing_deg"] % 360.0
     series = Series(
         **values,
-        contact_numbers="own"
-        if "contact" in table or "sensor" not in table
-        else "common",
+        contact_numbers="own" if "contact" in table or "sensor" not in table else "common",
         where=table.where,
     )
     _check_one_unit(table, series)
@@ -151,9 +149,7 @@ def _check_one_unit(table: Table, series: Series) -> None:
         edge = int(large[large > last][0] if first == 0 else first - 1)
         inner = small[-FEWEST_IN_A_UNIT:] if first == 0 else small[:FEWEST_IN_A_UNIT]
         scatter = np.median(_turns(np.diff(bearing[large])))
-        is_smooth = (
-            0.0 < SMOOTHER * np.median(np.abs(np.diff(bearing[small]))) < scatter
-        )
+        is_smooth = 0.0 < SMOOTHER * np.median(np.abs(np.diff(bearing[small]))) < scatter
         as_read = np.median(_turns(bearing[inner] - bearing[edge]))
         as_radians = np.median(_turns(np.degrees(bearing[inner]) - bearing[edge]))
         if is_smooth and NEARER * as_radians < as_read:
@@ -239,9 +235,7 @@ def _check_names(table: Table, known: Mapping[str, Sensor]) -> None:
             table.fail(row, "the sensor that received it is not named.")
         if known and name not in known:
             has = ", ".join(known)
-            table.fail(
-                row, f"sensor {shown(name)} is not in the sensor file, which has {has}."
-            )
+            table.fail(row, f"sensor {shown(name)} is not in the sensor file, which has {has}.")
 
 
 def _as_sensors_say(series: Series, known: Mapping[str, Sensor]) -> Series:
@@ -284,9 +278,7 @@ def _told(known: Mapping[str, Sensor], used: Sequence[str], name: str) -> FloatA
 def _geographic_rows(latitude: FloatArray, longitude: FloatArray) -> Place:
     origin = Origin(float(latitude[0]), float(longitude[0]))
     # equal places once: geodesics are slow
-    pairs, row = np.unique(
-        np.stack([latitude, longitude], -1), axis=0, return_inverse=True
-    )
+    pairs, row = np.unique(np.stack([latitude, longitude], -1), axis=0, return_inverse=True)
     grid = np.array([to_grid(float(lat), float(lon), origin) for lat, lon in pairs])
     east, north = grid[row.ravel()].T
     return east, north, origin
@@ -373,10 +365,7 @@ def _way(
             f"the navigation of sensor {sensor.id!r} covers {time[0]:g} to "
             f"{time[-1]:g} s, not {wanted[index]:g} s: do both count from one start?",
         )
-    return (
-        np.interp(wanted, time, navigation.east_m),
-        np.interp(wanted, time, navigation.north_m),
-    )
+    return (np.interp(wanted, time, navigation.east_m), np.interp(wanted, time, navigation.north_m))
 
 
 def _remark_on_radians(table: Table, bearing: FloatArray) -> None:

@@ -48,9 +48,7 @@ class Head:
             return NOT_KNOWN
         if isinstance(value, dict):  # a vessel
             chance = value["probability"]
-            return f"{value['name']}" + (
-                "" if chance is None else f" {100 * chance:.0f} %"
-            )
+            return f"{value['name']}" + ("" if chance is None else f" {100 * chance:.0f} %")
         if isinstance(value, list):  # numbers of which there may be any count
             shown = [f"{one:.{self.digits or 0}f}" for one in value[:MOST_LISTED]]
             more = ["..."] if len(value) > MOST_LISTED else []
@@ -181,23 +179,8 @@ SPARE: dict[str, tuple[str, ...]] = {
         "speed m/s",
         "course deg",
     ),
-    "motions": (
-        "weight",
-        "mode",
-        "observable",
-        "joined",
-        "joined P",
-        "course deg",
-        "speed m/s",
-    ),
-    "presence": (
-        "sensor",
-        "level dB",
-        "rates Hz",
-        "blade Hz",
-        "motion model",
-        "bearing deg",
-    ),
+    "motions": ("weight", "mode", "observable", "joined", "joined P", "course deg", "speed m/s"),
+    "presence": ("sensor", "level dB", "rates Hz", "blade Hz", "motion model", "bearing deg"),
 }
 """Columns that a narrow screen can do without, by the name of the container."""
 
@@ -233,10 +216,7 @@ def _in_knots(row: Row) -> Row:
 
 
 def _number(
-    name: str,
-    rows: Sequence[Row],
-    titles: dict[str, str],
-    columns: dict[str, list[str]],
+    name: str, rows: Sequence[Row], titles: dict[str, str], columns: dict[str, list[str]]
 ) -> None:
     """Let a number stand once: that of a passage where it is known, else its contact's."""
     if name == "encounters" and columns["contact"] == columns["passage"]:
@@ -264,9 +244,7 @@ def summary_of(name: str, rows: Sequence[Row], units: str = "m/s") -> Summary:
         head = next(head for head in SUMMARIES[name] if head.title == "time s")
         titles["time s"], columns["time s"] = _times(rows, head)
     if rows and all(row.get("from_utc") and row.get("to_utc") for row in rows):
-        begins, ends = (
-            [utc_text(row[key]) for row in rows] for key in ("from_utc", "to_utc")
-        )
+        begins, ends = ([utc_text(row[key]) for row in rows] for key in ("from_utc", "to_utc"))
         days = {cell[:10] for cell in begins + ends}
         is_one = len(days) == 1  # a day common to all is in the title
         titles["from s"] = f"UTC {min(days)}" if is_one else "from UTC"
@@ -277,8 +255,7 @@ def summary_of(name: str, rows: Sequence[Row], units: str = "m/s") -> Summary:
     known = {
         title: cells
         for title, cells in columns.items()
-        if (not cells and usual[title] == {NOT_KNOWN, None})
-        or not set(cells) <= usual[title]
+        if (not cells and usual[title] == {NOT_KNOWN, None}) or not set(cells) <= usual[title]
     }
     needed: tuple[str, ...] = ()
     if name == "fixes" and "latitude" not in known:  # nothing else says where it is
@@ -296,26 +273,20 @@ def summary_of(name: str, rows: Sequence[Row], units: str = "m/s") -> Summary:
     )
 
 
-def passage_columns(
-    rows: Sequence[Row], units: str = "m/s"
-) -> dict[str, tuple[str, ...]]:
+def passage_columns(rows: Sequence[Row], units: str = "m/s") -> dict[str, tuple[str, ...]]:
     """Return passages of many recordings as columns of cells, by heading.
 
     ``rows``: as `flow.passages.PassageRow` has them. ``units``: of speeds, m/s or kn. A
     column in which nothing is known is left out.
     """
     shown = [_in_knots(row) for row in rows] if units == "kn" else rows
-    speed = Head(
-        f"speed {units}", "speed_mps", 1 if units == "kn" else 2, "speed_std_mps"
-    )
+    speed = Head(f"speed {units}", "speed_mps", 1 if units == "kn" else 2, "speed_std_mps")
     columns: dict[str, list[str]] = {"time UTC": [], "vessel": []}
     for row in rows:
         since = NOT_KNOWN if row["time_s"] is None else f"{row['time_s']:.1f} s"
         chance, name = row["vessel_probability"], row["vessel"] or NOT_KNOWN
         more = "" if chance is None else f" {100.0 * chance:.0f} %"
-        columns["time UTC"].append(
-            utc_text(row["time_utc"]) if row["time_utc"] else since
-        )
+        columns["time UTC"].append(utc_text(row["time_utc"]) if row["time_utc"] else since)
         columns["vessel"].append(name + more)
     for head in (
         Head("sensor", "sensor"),

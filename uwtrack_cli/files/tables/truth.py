@@ -83,10 +83,8 @@ def _track(row: dict[str, Any]) -> VesselTrack:
     track = row["track"]
     time_s, east, north, east_rate, north_rate = (
         np.asarray(track[key], float)
-        for key in (
-            "time_s", "east_m", "north_m", "velocity_east_mps", "velocity_north_mps",
-        )
-    )  # fmt: skip
+        for key in ("time_s", "east_m", "north_m", "velocity_east_mps", "velocity_north_mps")
+    )
     if not time_s.shape == east.shape == north.shape == east_rate.shape:
         msg = f"the track of vessel {row['vessel']} has columns of different length."
         raise DataError(msg)

@@ -17,11 +17,7 @@ from uwtrack_cli.files.hdf5.netcdf import write_netcdf
 from uwtrack_cli.files.hdf5.product import Product
 from uwtrack_cli.files.tables.container_tables import write_table
 from uwtrack_cli.files.tables.replay import replay_lines
-from uwtrack_cli.flow.branches import (
-    read_of_branch,
-    refuse_unknown_step,
-    sole_keys,
-)
+from uwtrack_cli.flow.branches import read_of_branch, refuse_unknown_step, sole_keys
 from uwtrack_cli.flow.exports.features import geographic_features
 from uwtrack_cli.flow.exports.geojson import geojson_text
 from uwtrack_cli.flow.exports.kml import kml_text

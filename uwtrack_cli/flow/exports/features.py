@@ -17,11 +17,7 @@ from warnings import warn
 import numpy as np
 
 from uwtrack_cli.acoustics.geodesy import Origin, to_latitude_longitude
-from uwtrack_cli.acoustics.geometry import (
-    compass_unit,
-    place_covariance,
-    region_95,
-)
+from uwtrack_cli.acoustics.geometry import compass_unit, place_covariance, region_95
 from uwtrack_cli.data.base import Container, FloatArray
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.motions import Motions
@@ -75,9 +71,7 @@ def geographic_features(containers: Sequence[Container], name: str) -> list[Feat
     return found
 
 
-def _remark(
-    containers: Sequence[Container], found: Sequence[Feature], name: str
-) -> None:
+def _remark(containers: Sequence[Container], found: Sequence[Feature], name: str) -> None:
     """Say which encounters have no place on the map: they are not left out in silence."""
     n_found = sum(e.n_encounters for e in _of(containers, Encounters))
     n_placed = sum(feature.kind == "encounter" for feature in found)
@@ -100,9 +94,7 @@ def _sensor(sensor: Sensor) -> Feature:
     return Feature("sensor", "Point", sensor.id, (place,), facts)
 
 
-def _encounters(
-    encounters: Encounters, sensors: dict[str, Sensor]
-) -> Iterator[Feature]:
+def _encounters(encounters: Encounters, sensors: dict[str, Sensor]) -> Iterator[Feature]:
     for row, values in enumerate(json_rows(encounters)):
         sensor = sensors.get(values["sensor"])
         range_m = values["horizontal_range_m"] or values["slant_range_m"]
@@ -117,9 +109,7 @@ def _encounters(
             continue
         course = np.radians(encounters.course_deg[row])
         along = np.linspace(-TRACK_RANGES, TRACK_RANGES, 25) * range_m
-        track = _places(
-            east + along * np.sin(course), north + along * np.cos(course), origin
-        )
+        track = _places(east + along * np.sin(course), north + along * np.cos(course), origin)
         known = {key: values[key] for key in ("contact", "sensor", "speed_mps")}
         yield Feature("track", "LineString", f"track of {name}", track, known)
 
@@ -174,9 +164,7 @@ def _ring(covariance: FloatArray, origin: Origin) -> tuple[tuple[float, float], 
     return _places(east, north, origin)
 
 
-def _places(
-    east: FloatArray, north: FloatArray, origin: Origin
-) -> tuple[tuple[float, float], ...]:
+def _places(east: FloatArray, north: FloatArray, origin: Origin) -> tuple[tuple[float, float], ...]:
     latitude, longitude = to_latitude_longitude(east, north, origin)
     smooth = longitude + 360.0 * np.round((origin.longitude - longitude) / 360.0)
     pairs = zip(smooth.tolist(), latitude.tolist(), strict=True)

@@ -27,19 +27,15 @@ def geojson_text(features: Sequence[Feature]) -> str:
 def collection_text(features: Iterable[dict[str, Any]]) -> str:
     """Return GeoJSON features as the text of a collection."""
     collection = {"type": "FeatureCollection", "features": list(features)}
-    return (
-        plain_text(json.dumps(collection, ensure_ascii=False, allow_nan=False)) + "\n"
-    )
+    return plain_text(json.dumps(collection, ensure_ascii=False, allow_nan=False)) + "\n"
 
 
 def _feature(feature: Feature) -> dict[str, Any]:
     return {
         "type": "Feature",
         "geometry": _geometry(feature),
-        "properties": {
-            "kind": feature.kind, "name": feature.name, **feature.properties,
-        },
-    }  # fmt: skip
+        "properties": {"kind": feature.kind, "name": feature.name, **feature.properties},
+    }
 
 
 def _geometry(feature: Feature) -> dict[str, Any]:

@@ -122,9 +122,7 @@ def query_passages(table: PassageTable, query: str) -> list[Row]:
             raise OptionError(msg)
         result = connection.execute(query)
         heads = [column[0] for column in result.description or ()]
-        found = [
-            dict(zip(heads, map(_plain, row), strict=True)) for row in result.fetchall()
-        ]
+        found = [dict(zip(heads, map(_plain, row), strict=True)) for row in result.fetchall()]
     except duckdb.Error as error:
         first = str(error).split("\n", 1)[0].rstrip("!.")
         msg = (
@@ -154,9 +152,7 @@ def load_duckdb() -> Any:
     try:
         import duckdb
     except ImportError as error:
-        msg = (
-            f"Parquet and SQL need DuckDB ({error}); pip install 'uwtrack[catalogue]'."
-        )
+        msg = f"Parquet and SQL need DuckDB ({error}); pip install 'uwtrack[catalogue]'."
         raise DataError(msg) from error
     return duckdb
 

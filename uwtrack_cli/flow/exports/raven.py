@@ -64,9 +64,7 @@ class FileClock:
         if left_out is not None:
             skipped_s = float(left_out[0]) / rate, float(left_out[k]) / rate
         before_s = float(counts[:k].sum()) / rate + skipped_s[0]
-        return FilePlace(
-            str(self.files.name[k]), inside_s + skipped_s[1], before_s + inside_s
-        )
+        return FilePlace(str(self.files.name[k]), inside_s + skipped_s[1], before_s + inside_s)
 
 
 def raven_text(containers: Sequence[Container], name: str) -> str:
@@ -90,9 +88,7 @@ def raven_text(containers: Sequence[Container], name: str) -> str:
     return text.getvalue()
 
 
-def _rows(
-    lines: Lines, containers: Sequence[Container], name: str
-) -> Iterator[tuple[str, ...]]:
+def _rows(lines: Lines, containers: Sequence[Container], name: str) -> Iterator[tuple[str, ...]]:
     sensor = lines.frames.sensor
     clock = _clock(containers, sensor, name)
     rates = (lines.frames.sample_rate_hz, clock.recording.sample_rate_hz)

@@ -72,9 +72,7 @@ def interpolate_track(
     ``east_m``: its positions on a grid, m. ``north_m``: its positions on a grid, m.
     ``time_s``: times wanted, s.
     """
-    at = np.clip(
-        np.searchsorted(track.time_s, time_s, side="right") - 1, 0, len(east_m) - 2
-    )
+    at = np.clip(np.searchsorted(track.time_s, time_s, side="right") - 1, 0, len(east_m) - 2)
     gap = np.diff(track.time_s)[at]
     share = (time_s - track.time_s[at]) / gap
     outside = (share < 0.0) | (share > 1.0) | (gap > MAX_GAP_S)
@@ -89,9 +87,8 @@ def interpolate_track(
         rise = b - a
         cubic = a + share * (
             before
-            + share * ((3.0 * rise - 2.0 * before - after)
-                       + share * (before + after - 2.0 * rise))
-        )  # fmt: skip
+            + share * ((3.0 * rise - 2.0 * before - after) + share * (before + after - 2.0 * rise))
+        )
         found.append(np.where(outside, np.nan, cubic))
     return found[0], found[1]
 
@@ -111,9 +108,7 @@ def _approaches(
     track: VesselTrack, origin: Origin, span_s: tuple[float, float]
 ) -> Iterator[_Approach]:
     """Yield time, place and velocity of every least distance in the span."""
-    near = (track.time_s > span_s[0] - MAX_GAP_S) & (
-        track.time_s < span_s[1] + MAX_GAP_S
-    )
+    near = (track.time_s > span_s[0] - MAX_GAP_S) & (track.time_s < span_s[1] + MAX_GAP_S)
     if np.count_nonzero(near) < 2:
         return
     if np.abs(track.first[near] - origin.latitude).min() > FAR_DEG:
@@ -149,17 +144,9 @@ def _refined(time_s: FloatArray, x: FloatArray, y: FloatArray, dip: int) -> _App
     return _Approach(at, (east, north), (east_rate, north_rate))
 
 
-def _passage(
-    truth: Truth,
-    track: VesselTrack,
-    sensor: Sensor,
-    approach: _Approach,
-) -> TruePassage:
+def _passage(truth: Truth, track: VesselTrack, sensor: Sensor, approach: _Approach) -> TruePassage:
     time_s, (east, north), (east_rate, north_rate) = approach
-    range_m, speed = (
-        float(np.hypot(east, north)),
-        float(np.hypot(east_rate, north_rate)),
-    )
+    range_m, speed = (float(np.hypot(east, north)), float(np.hypot(east_rate, north_rate)))
     height = 0.0 if sensor.depth_m is None else sensor.depth_m - SOURCE_DEPTH_M
     slant_m = float(np.hypot(range_m, height))
     right = -east * north_rate + north * east_rate

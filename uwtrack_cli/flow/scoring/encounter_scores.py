@@ -67,11 +67,7 @@ def match_encounters(log_ratio: FloatArray) -> Matching:
     probability = _marginals(ratio)
     gain = np.log1p(ratio)
     rows, columns = linear_sum_assignment(gain, maximize=True)
-    pairs = tuple(
-        (int(i), int(j))
-        for i, j in zip(rows, columns, strict=True)
-        if ratio[i, j] > 1.0
-    )
+    pairs = tuple((int(i), int(j)) for i, j in zip(rows, columns, strict=True) if ratio[i, j] > 1.0)
     unlisted = np.clip(1.0 - probability.sum(axis=1), 0.0, 1.0)
     return Matching(probability, unlisted, pairs)
 
@@ -184,11 +180,7 @@ class EncounterScores:
 
 
 def score_encounters(
-    encounters: Encounters,
-    truth: Truth,
-    recorded: RecordedSensors,
-    *,
-    within_m: float = 2000.0,
+    encounters: Encounters, truth: Truth, recorded: RecordedSensors, *, within_m: float = 2000.0
 ) -> EncounterScores:
     """Match encounters to the passages of the truth and compare them.
 
@@ -219,9 +211,7 @@ def score_encounters(
             for j, p in enumerate(passages)
             if p.inside and j not in found.values()
         ]
-    return EncounterScores(
-        tuple(scores), tuple(identities), tuple(missed), tuple(false)
-    )
+    return EncounterScores(tuple(scores), tuple(identities), tuple(missed), tuple(false))
 
 
 def apply_limits(scores: Sequence[Score], wanted: Requirements) -> tuple[Score, ...]:
@@ -230,9 +220,7 @@ def apply_limits(scores: Sequence[Score], wanted: Requirements) -> tuple[Score, 
     for score in scores:
         table = wanted.limits.get(score.container, {})
         limits = table.get(score.quantity.partition("[")[0])
-        checked.append(
-            score if limits is None else replace(score, outside=_excess(score, limits))
-        )
+        checked.append(score if limits is None else replace(score, outside=_excess(score, limits)))
     return tuple(checked)
 
 
@@ -243,9 +231,7 @@ def _excess(score: Score, limits: Limits) -> str:
     return limits.excess(score.error, percent, score.sigmas)
 
 
-def _sensors(
-    encounters: Encounters, truth: Truth, recorded: RecordedSensors
-) -> list[str]:
+def _sensors(encounters: Encounters, truth: Truth, recorded: RecordedSensors) -> list[str]:
     told = {p.sensor for p in truth.passages or ()}
     there = {sensor.id for sensor in recorded.sensors}
     return sorted({*map(str, encounters.sensor), *(told & there or set()), *there})
@@ -289,15 +275,11 @@ def _log_ratios(
         recording = recorded.recording(str(encounters.sensor[row]))
         span_s = recording.duration_s if recording is not None else 3600.0
         for j, passage in enumerate(passages):
-            ratios[i, j] = np.log(odds) + _log_likelihood(
-                encounters, row, passage, span_s
-            )
+            ratios[i, j] = np.log(odds) + _log_likelihood(encounters, row, passage, span_s)
     return ratios
 
 
-def _log_likelihood(
-    encounters: Encounters, row: int, passage: TruePassage, span_s: float
-) -> float:
+def _log_likelihood(encounters: Encounters, row: int, passage: TruePassage, span_s: float) -> float:
     """Return the log density under a passage over that of an unlisted vessel."""
     total, distance = 0.0, 0.0
     for key, (least, span) in MATCHED.items():
@@ -363,11 +345,7 @@ def _score(
 
 
 def _identity(
-    encounters: Encounters,
-    row: int,
-    passages: Sequence[TruePassage],
-    matching: Matching,
-    k: int,
+    encounters: Encounters, row: int, passages: Sequence[TruePassage], matching: Matching, k: int
 ) -> Identity:
     chance: dict[str, float] = {}
     for passage, value in zip(passages, matching.probability[k], strict=True):
@@ -375,10 +353,7 @@ def _identity(
     ranked = sorted(chance.items(), key=lambda item: -item[1])
     best = dict(matching.pairs).get(k)
     model: tuple[str, float, str] = ("", float("nan"), "")
-    if (
-        encounters.motion_model is not None
-        and encounters.alternative_motion_model is not None
-    ):
+    if encounters.motion_model is not None and encounters.alternative_motion_model is not None:
         weight = encounters.motion_model_probability
         model = (
             str(encounters.motion_model[row]),

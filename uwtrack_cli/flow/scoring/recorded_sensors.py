@@ -52,9 +52,7 @@ class RecordedSensors:
             The truth is in UTC alone, and the recording's start is not known.
         """
         recording = self.recording(sensor)
-        start = (
-            self._start_of_rows(sensor) if recording is None else recording.start_utc_ns
-        )
+        start = self._start_of_rows(sensor) if recording is None else recording.start_utc_ns
         if start is not None and truth.start_utc_ns is not None:
             return (truth.start_utc_ns - start) / NANOSECONDS
         if truth.is_geographic:

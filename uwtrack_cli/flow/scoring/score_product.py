@@ -112,9 +112,7 @@ def score_product(
     )
 
 
-def _read(
-    product: Product, kind: type[C], there: Mapping[str, ContainerKey]
-) -> C | None:
+def _read(product: Product, kind: type[C], there: Mapping[str, ContainerKey]) -> C | None:
     key = there.get(kind.NAME)
     return None if key is None else product.read(kind, key.sensor, key.step)
 
@@ -126,14 +124,9 @@ def _problems(
     wanted: Requirements,
 ) -> list[str]:
     found = [
-        f"contact {s.contact} of {s.sensor}, {s.quantity}: {s.outside}"
-        for s in scores
-        if s.outside
+        f"contact {s.contact} of {s.sensor}, {s.quantity}: {s.outside}" for s in scores if s.outside
     ]
-    counts = {
-        "missed": (passed.missed, wanted.missed),
-        "false": (passed.false, wanted.false),
-    }
+    counts = {"missed": (passed.missed, wanted.missed), "false": (passed.false, wanted.false)}
     for word, (items, most) in counts.items():
         if most is not None and len(items) > most:
             found.append(f"{len(items)} encounters {word}, {most} accepted")

@@ -89,10 +89,7 @@ def read_requirements(path: Path) -> Requirements:
     encounters = tables.get("encounters", {})
     given = {key: encounters.pop(key) for key in COUNTS if key in encounters}
     with _of_file(path):
-        counts = {
-            key: convert(f"encounters.{key}", Count, value)
-            for key, value in given.items()
-        }
+        counts = {key: convert(f"encounters.{key}", Count, value) for key, value in given.items()}
     return Requirements(_limits(path, tables, Limits), **counts)
 
 
@@ -101,10 +98,7 @@ def _limits(
 ) -> dict[str, dict[str, L]]:
     with _of_file(path):
         return {
-            name: {
-                key: from_table(kind, value, f"{name}.{key}")
-                for key, value in table.items()
-            }
+            name: {key: from_table(kind, value, f"{name}.{key}") for key, value in table.items()}
             for name, table in tables.items()
         }
 

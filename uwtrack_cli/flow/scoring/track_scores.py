@@ -129,16 +129,12 @@ def _shift_s(truth: Truth, start_utc_ns: int | None) -> float:
     if start_utc_ns is not None and truth.start_utc_ns is not None:
         return (truth.start_utc_ns - start_utc_ns) / NANOSECONDS
     if truth.is_geographic:
-        msg = (
-            f"{truth.name} is in UTC, and the positions have no UTC: give --start-utc."
-        )
+        msg = f"{truth.name} is in UTC, and the positions have no UTC: give --start-utc."
         raise DataError(msg)
     return 0.0
 
 
-def _on_grid(
-    track: VesselTrack, truth: Truth, fixes: Fixes
-) -> tuple[FloatArray, FloatArray]:
+def _on_grid(track: VesselTrack, truth: Truth, fixes: Fixes) -> tuple[FloatArray, FloatArray]:
     """Return the positions of a vessel on the grid of the fixes."""
     latitude, longitude = fixes.origin_latitude, fixes.origin_longitude
     if latitude is None or longitude is None:
@@ -148,9 +144,7 @@ def _on_grid(
             raise DataError(msg)
         place = (0.0, 0.0)
         if fixes.origin != "grid":  # relative to a sensor
-            place = truth.sensor_places.get(
-                fixes.origin.removeprefix("sensor "), (0.0, 0.0)
-            )
+            place = truth.sensor_places.get(fixes.origin.removeprefix("sensor "), (0.0, 0.0))
         return track.first - place[0], track.second - place[1]
     there = Origin(latitude, longitude)
     first, second = track.first, track.second
@@ -161,9 +155,7 @@ def _on_grid(
         if truth.origin == (latitude, longitude):
             return first, second
         first, second = to_latitude_longitude(first, second, Origin(*truth.origin))
-    places = [
-        to_grid(float(a), float(b), there) for a, b in zip(first, second, strict=True)
-    ]
+    places = [to_grid(float(a), float(b), there) for a, b in zip(first, second, strict=True)]
     return np.array([p[0] for p in places]), np.array([p[1] for p in places])
 
 
@@ -210,9 +202,7 @@ class Gospa:
     """Number of found positions without a partner."""
 
 
-def gospa(
-    estimated: FloatArray, true: FloatArray, *, cutoff_m: float, order: float = 2.0
-) -> Gospa:
+def gospa(estimated: FloatArray, true: FloatArray, *, cutoff_m: float, order: float = 2.0) -> Gospa:
     """Return the generalised optimal sub-pattern assignment distance.
 
     ``estimated``: positions found, shape (n, 2), m. ``true``: positions that were
@@ -233,9 +223,7 @@ def gospa(
     return Gospa(total ** (1.0 / order), float(near.sum()), n_missed, n_false)
 
 
-def ospa(
-    estimated: FloatArray, true: FloatArray, *, cutoff_m: float, order: float = 2.0
-) -> float:
+def ospa(estimated: FloatArray, true: FloatArray, *, cutoff_m: float, order: float = 2.0) -> float:
     """Return the optimal sub-pattern assignment distance, m.
 
     ``estimated``: positions found, shape (n, 2), m. ``true``: positions that were

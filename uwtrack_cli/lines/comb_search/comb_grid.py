@@ -62,9 +62,7 @@ class CombGrid:
         """Fundamentals times drifts."""
         return sum(band.fundamental_hz.size * band.drift.size for band in self.bands)
 
-    def places(
-        self, fundamental_hz: FloatArray, drift: FloatArray, tooth: float
-    ) -> IntArray:
+    def places(self, fundamental_hz: FloatArray, drift: FloatArray, tooth: float) -> IntArray:
         """Return where a tooth lies in the flat table, (drift, fundamental).
 
         The table has an empty cell beyond either end of the band. ``tooth`` need not be
@@ -111,9 +109,7 @@ def comb_grid(
         bands.append(CombBand(fundamental, drift, min(n_teeth, int(highest / low))))
         low = stop
     most_cells = int(np.ceil(most_drift * (highest + cell_hz) / cell_hz))
-    return CombGrid(
-        tuple(bands), float(frequency_hz[0]), cell_hz, frequency_hz.size, most_cells
-    )
+    return CombGrid(tuple(bands), float(frequency_hz[0]), cell_hz, frequency_hz.size, most_cells)
 
 
 def comb_scores(

@@ -35,12 +35,7 @@ from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.data.streams import RememberedStream
 from uwtrack_cli.estimation.window import frequency_std_hz
 from uwtrack_cli.lines.comb_search.comb_grid import CombGrid, comb_grid
-from uwtrack_cli.lines.comb_search.comb_window import (
-    MOST_COMBS,
-    CombWindow,
-    FoundComb,
-    is_comb,
-)
+from uwtrack_cli.lines.comb_search.comb_window import MOST_COMBS, CombWindow, FoundComb, is_comb
 from uwtrack_cli.lines.contacts import (
     CORRELATION_WINDOWS,
     UNRESOLVED_BINS,
@@ -49,12 +44,7 @@ from uwtrack_cli.lines.contacts import (
     unresolved_share,
 )
 from uwtrack_cli.lines.families.lasting_families import no_families
-from uwtrack_cli.lines.line_points import (
-    LinePoints,
-    LineTable,
-    no_table,
-    to_lines,
-)
+from uwtrack_cli.lines.line_points import LinePoints, LineTable, no_table, to_lines
 from uwtrack_cli.lines.paths.path_search import beyond_outer_tiles, whiten
 from uwtrack_cli.lines.paths.trace_window import (
     Measured,
@@ -199,9 +189,7 @@ class CombTracker:
         points = []
         while self.n_held >= self.rule.window_frames:
             data = WindowData.join(self.held)
-            points += self._window(
-                data.take(slice(self.rule.window_frames)), is_last=False
-            )
+            points += self._window(data.take(slice(self.rule.window_frames)), is_last=False)
             rest = data.take(slice(self.rule.window_frames // 2, None))
             self.held, self.n_held = [rest], rest.frame.size
         return self._noted(points)
@@ -278,9 +266,7 @@ class CombTracker:
         heard: list[_Heard] = []
         for comb in sorted(self.living, key=lambda one: -one.evidence[-1]):
             for voice in sorted(comb.voices):
-                own = window.take_expected(
-                    voice * comb.ahead_hz, voice * comb.reach_hz, least
-                )
+                own = window.take_expected(voice * comb.ahead_hz, voice * comb.reach_hz, least)
                 if own is not None:
                     heard.append(_Heard(comb, voice, own))
         return heard
@@ -301,8 +287,7 @@ class CombTracker:
             voice = int(multiple * parts)
             comb.voices.add(voice)
             again = [
-                replace(one, voice=one.voice * parts) if one.comb is comb else one
-                for one in heard
+                replace(one, voice=one.voice * parts) if one.comb is comb else one for one in heard
             ]
             return [*again, _Heard(comb, voice, own)]
         comb = _Comb(len(self.combs) + 1, seed + own.first, least)
@@ -322,9 +307,7 @@ class CombTracker:
         inside = slice(own.first, own.stop)
         fundamental = own.fundamental_hz / voice
         weight = (voice / own.fundamental_std_hz[inside]) ** 2
-        comb.sums += [
-            weight.sum(), (weight * fundamental[inside]).sum(), own.stop - own.first
-        ]  # fmt: skip
+        comb.sums += [weight.sum(), (weight * fundamental[inside]).sum(), own.stop - own.first]
         late = fundamental[fundamental.size // 2 :]
         rate = (late[-1] - late[0]) / max(late.size - 1, 1)
         comb.ahead_hz = float(late.mean() + 0.5 * rate * late.size)
@@ -334,13 +317,9 @@ class CombTracker:
         """Return the points of all teeth of a comb in a window."""
         taken = set[int]()
         loudest_first = sorted(heard, key=lambda one: -one.own.evidence)
-        return LinePoints.join(
-            [self._teeth_points(data, one, taken) for one in loudest_first]
-        )
+        return LinePoints.join([self._teeth_points(data, one, taken) for one in loudest_first])
 
-    def _teeth_points(
-        self, data: WindowData, one: _Heard, taken: set[int]
-    ) -> LinePoints:
+    def _teeth_points(self, data: WindowData, one: _Heard, taken: set[int]) -> LinePoints:
         """Return the points of the teeth that no other voice of the comb has taken."""
         n_frames, own, comb = data.frame.size, one.own, one.comb
         path, std = own.fundamental_hz[:n_frames], own.fundamental_std_hz[:n_frames]
@@ -377,21 +356,15 @@ class CombTracker:
         state[:, 4, 0] = 2.0 * (std[:, None] * teeth / (8.0 * self.hop_s)) ** 2
         return self._rows(data, comb, teeth * one.voice, is_line, raw, state)
 
-    def _line_std(
-        self, data: WindowData, cells: IntArray, is_line: BoolArray
-    ) -> FloatArray:
+    def _line_std(self, data: WindowData, cells: IntArray, is_line: BoolArray) -> FloatArray:
         """Return deviation, Hz, and mean strength of each tooth, (2, tooth)."""
         ratio = np.take_along_axis(data.power_ratio, cells, axis=1).astype(float)
         known = is_line & np.isfinite(ratio)
-        mean = np.where(known, ratio, 0.0).sum(axis=0) / np.maximum(
-            known.sum(axis=0), 1
-        )
+        mean = np.where(known, ratio, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
         strength = np.maximum(mean - 1.0, 0.02)
         return np.stack([frequency_std_hz(strength, data.window_s), strength])
 
-    def _smoothed(
-        self, data: WindowData, measured: Measured, frequency: FloatArray
-    ) -> FloatArray:
+    def _smoothed(self, data: WindowData, measured: Measured, frequency: FloatArray) -> FloatArray:
         """Return states with smoothed bearings, (frame, 5, 2, tooth)."""
         motion = self.rule.motion
         middle = frequency.mean(axis=0)
@@ -446,9 +419,7 @@ class CombTracker:
 
     def _table(self, samples: ContactSamples) -> LineTable:
         lines = samples.line_seen()
-        family_of = {
-            line: comb.family for comb in self.combs for line in comb.lines.values()
-        }
+        family_of = {line: comb.family for comb in self.combs for line in comb.lines.values()}
         family = np.array([family_of[int(line)] for line in lines], np.int64)
         window_frames = 1.0 / (self.bin_hz * self.hop_s)
         held = samples.samples(lines, CORRELATION_WINDOWS * window_frames)
@@ -470,9 +441,7 @@ class CombTracker:
             spacing_std_hz=np.sqrt(correlated / weight),
             offset_hz=np.zeros(len(table)),
             is_harmonic=np.ones(len(table), dtype=bool),
-            n_members=np.array(
-                [np.count_nonzero(family == comb.family) for comb in table]
-            ),
+            n_members=np.array([np.count_nonzero(family == comb.family) for comb in table]),
             log10_chance=np.array([self._log10_chance(comb) for comb in table]),
             peak_family=np.zeros(0, dtype=np.int64),
         )
@@ -494,12 +463,8 @@ class CombTracker:
         return {
             "reference": reference,
             "false_lines_per_khz_hour": self.rule.false_combs_per_hour * per_line,
-            "measured_false_lines_per_khz_hour": (
-                self.threshold.measured_per_hour() * per_line
-            ),
-            "weakest_line_snr_db": weakest_by_path(
-                least / 8.0, self.rule.window_frames, 0.0
-            ),
+            "measured_false_lines_per_khz_hour": (self.threshold.measured_per_hour() * per_line),
+            "weakest_line_snr_db": weakest_by_path(least / 8.0, self.rule.window_frames, 0.0),
         }
 
 
@@ -526,9 +491,7 @@ class CombStream(RememberedStream[Lines, tuple[Frames, LinePoints]]):
     """
 
     def __init__(
-        self,
-        blocks: Iterator[Spectrogram],
-        make_tracker: Callable[[Spectrogram], CombTracker],
+        self, blocks: Iterator[Spectrogram], make_tracker: Callable[[Spectrogram], CombTracker]
     ) -> None:
         self._make_tracker = make_tracker
         self._tracker: CombTracker | None = None
@@ -630,9 +593,7 @@ class CombThreshold:
         """Return the evidence that a comb needs to begin, nepers."""
         per_hour = 3600.0 / self.step_s
         mode = self.white - EULER * TAIL
-        return (
-            mode + TAIL * float(np.log(per_hour / self.false_combs_per_hour)) + excess
-        )
+        return mode + TAIL * float(np.log(per_hour / self.false_combs_per_hour)) + excess
 
     def continued(self, excess: float) -> float:
         """Return the evidence that a comb needs where one is expected, nepers."""
@@ -653,6 +614,4 @@ class CombThreshold:
         if not self.windows:
             return float("nan")
         left = self.total / self.windows
-        return float(
-            self.false_combs_per_hour * np.exp(left / TAIL) * self.passed / self.windows
-        )
+        return float(self.false_combs_per_hour * np.exp(left / TAIL) * self.passed / self.windows)

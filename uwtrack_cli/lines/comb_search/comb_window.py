@@ -165,11 +165,7 @@ class CombWindow:
     """
 
     def __init__(
-        self,
-        power_ratio: FloatArray,
-        grid: CombGrid,
-        hop_windows: float,
-        bin_cells: int,
+        self, power_ratio: FloatArray, grid: CombGrid, hop_windows: float, bin_cells: int
     ) -> None:
         self.ratio, self.grid, self.bin_cells = power_ratio, grid, bin_cells
         self.hop_windows = hop_windows
@@ -185,9 +181,7 @@ class CombWindow:
         return int(np.count_nonzero(np.isfinite(self.ratio).any(axis=1)))
 
     def _tabulate(self) -> None:
-        self.table, self.stray = tooth_table(
-            self.evidence, self.grid.most_cells, self.bin_cells
-        )
+        self.table, self.stray = tooth_table(self.evidence, self.grid.most_cells, self.bin_cells)
 
     def surrogate(self, seed: int) -> float:
         """Return the mean of the best evidence of combs whose teeth are out of tune.
@@ -206,9 +200,7 @@ class CombWindow:
                     best[k] = max(best[k], float(scores.max()))
         return float(best.mean())
 
-    def take_expected(
-        self, fundamental_hz: float, std_hz: float, least: float
-    ) -> FoundComb | None:
+    def take_expected(self, fundamental_hz: float, std_hz: float, least: float) -> FoundComb | None:
         """Find a comb that is expected in the middle of the window, within deviations.
 
         None where its evidence is less than ``least``, nepers.
@@ -239,9 +231,7 @@ class CombWindow:
         """Return the likeliest comb of fundamentals between two, Hz; None without any."""
         best: _Place | None = None
         for band in self.grid.bands:
-            inside = (band.fundamental_hz >= within_hz[0]) & (
-                band.fundamental_hz <= within_hz[1]
-            )
+            inside = (band.fundamental_hz >= within_hz[0]) & (band.fundamental_hz <= within_hz[1])
             if not inside.any():
                 continue
             own = replace(band, fundamental_hz=band.fundamental_hz[inside])
@@ -254,9 +244,7 @@ class CombWindow:
                 )  # fmt: skip
         return best
 
-    def tooth_evidence(
-        self, fundamental_hz: float, drift: float, n_teeth: int
-    ) -> FloatArray:
+    def tooth_evidence(self, fundamental_hz: float, drift: float, n_teeth: int) -> FloatArray:
         """Return the evidence of each tooth of a comb, shape (tooth,)."""
         # a path that was refined may drift more than is asked for, and is not in the table
         most = max(float(band.drift[-1]) for band in self.grid.bands)
@@ -273,15 +261,11 @@ class CombWindow:
         rise = (np.arange(self.n_frames) + 0.5) / self.n_frames - 0.5
         for lengthening in range(LENGTHENINGS + 1):
             number = np.arange(1, evidence.size + 1)
-            sounds = (number >= first) & (
-                evidence > np.where(number > last, DOUBT, 0.0)
-            )
+            sounds = (number >= first) & (evidence > np.where(number > last, DOUBT, 0.0))
             if not sounds.any():  # where it was refined to, noise was all there was
                 sounds = (number >= first) & (number <= last)
             teeth = number[sounds]
-            weight = 1.0 - (1.0 - SOUNDING) * np.exp(
-                -np.minimum(evidence[sounds], 30.0)
-            )
+            weight = 1.0 - (1.0 - SOUNDING) * np.exp(-np.minimum(evidence[sounds], 30.0))
             straight = fundamental_hz * (1.0 + drift * rise)
             path, std = self._path(straight, teeth, weight)
             slope, fundamental_hz = (float(v) for v in np.polyfit(rise, path, 1))
@@ -315,10 +299,9 @@ class CombWindow:
         """Return what the places of loud teeth say for one comb against strays, nepers."""
         place = (path_hz[:, None] * teeth - self.grid.first_hz) / self.grid.cell_hz
         cell = np.clip(np.rint(place), 2, self.grid.n_cells - 3).astype(np.int64)
-        mean = np.array([
-            _frame_mean(np.take_along_axis(self.ratio, cell + k, axis=1))
-            for k in range(-2, 3)
-        ])  # fmt: skip
+        mean = np.array(
+            [_frame_mean(np.take_along_axis(self.ratio, cell + k, axis=1)) for k in range(-2, 3)]
+        )
         snr = np.maximum(mean[1:4].max(axis=0) - 1.0, 1e-3)
         noise = 1.0 / np.sqrt(max(self.n_known * self.independent, 1.0))
         is_loud = snr > LOUD_SIGMAS * noise
@@ -371,9 +354,7 @@ class CombWindow:
         bend = 0.5 * (left + right) - middle
         return np.asarray(np.exp(middle + off * (0.5 * (right - left) + off * bend)))
 
-    def _ends(
-        self, ratio: FloatArray, strength: FloatArray, weight: FloatArray
-    ) -> tuple[int, int]:
+    def _ends(self, ratio: FloatArray, strength: FloatArray, weight: FloatArray) -> tuple[int, int]:
         """Return the frames between which the comb sounds."""
         gain = amplitude_log_ratio(ratio, strength[None, :]) * weight * self.independent
         total = np.concatenate([[0.0], np.nansum(gain, axis=1).cumsum()])
@@ -392,9 +373,7 @@ class CombWindow:
             bins = max(MASK_BINS, 2.4 * (strength * 10.0**-3.1) ** (1.0 / 3.0))
             half = min(int(np.ceil(bins * self.bin_cells)), self.grid.n_cells // 4)
             cells = self._cells(tooth * comb.fundamental_hz)[:, None]
-            cells = np.clip(
-                cells + np.arange(-half, half + 1), 0, self.grid.n_cells - 1
-            )
+            cells = np.clip(cells + np.arange(-half, half + 1), 0, self.grid.n_cells - 1)
             rows = np.arange(self.n_frames)[:, None]
             self.evidence[:, rows, cells] = 0.0
         self._tabulate()

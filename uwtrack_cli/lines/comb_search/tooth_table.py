@@ -65,9 +65,7 @@ def tooth_levels(n_frames: float) -> FloatArray:
     return np.asarray(np.array(LEVELS) * np.sqrt(2.0 / n_frames), np.float32)
 
 
-def cell_evidence(
-    power_ratio: FloatArray, levels: FloatArray, independent: float
-) -> FloatArray:
+def cell_evidence(power_ratio: FloatArray, levels: FloatArray, independent: float) -> FloatArray:
     """Return what each cell says for a line of each level, and its amplitude.
 
     ``independent`` is the share of frames that are as good as independent. Shape
@@ -87,9 +85,7 @@ def cell_evidence(
     return score
 
 
-def tooth_table(
-    evidence: FloatArray, most_cells: int, bin_cells: int
-) -> tuple[FloatArray, float]:
+def tooth_table(evidence: FloatArray, most_cells: int, bin_cells: int) -> tuple[FloatArray, float]:
     """Return the table of teeth, and the share of cells with a line.
 
     Of the evidence of cells, (level + 1, frame, cell), along drifts of up to so many

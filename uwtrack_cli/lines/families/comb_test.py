@@ -124,11 +124,7 @@ def _tail_step(expected: FloatArray) -> IntArray:
 
 
 def _most_hits(
-    frequency_hz: FloatArray,
-    rule: CombRule,
-    lower: IntArray,
-    upper: IntArray,
-    spacings: IntArray,
+    frequency_hz: FloatArray, rule: CombRule, lower: IntArray, upper: IntArray, spacings: IntArray
 ) -> IntArray:
     """Upper bound of the interior hits: teeth rounded to cells, all directions."""
     step = rule.tolerance_hz
@@ -153,18 +149,14 @@ def _hypotheses(
     """List pairs and numbers of spacings, ordered by number of spacings."""
     lower, upper = _pairs(frequency_hz.size)
     span = frequency_hz[upper] - frequency_hz[lower]
-    fits = (span >= 2.0 * rule.least_spacing_hz) & (
-        span <= rule.most_spacings * rule.spacing_hz[1]
-    )
+    fits = (span >= 2.0 * rule.least_spacing_hz) & (span <= rule.most_spacings * rule.spacing_hz[1])
     if np.isfinite(bearing_deg).any():
         circle = bearing_deg % 360.0
         fits &= _agree_on_circle(circle[lower], circle[upper], rule.bearing_window_deg)
     lower, upper, span = lower[fits], upper[fits], span[fits]
     counts = np.arange(2, rule.most_spacings + 1)
     spacing = span / counts[:, None]
-    row, pair = np.nonzero(
-        (spacing >= rule.least_spacing_hz) & (spacing <= rule.spacing_hz[1])
-    )
+    row, pair = np.nonzero((spacing >= rule.least_spacing_hz) & (spacing <= rule.spacing_hz[1]))
     return lower[pair], upper[pair], counts[row]
 
 
@@ -182,9 +174,7 @@ def agree(a_deg: FloatArray, b_deg: FloatArray, window_deg: float) -> BoolArray:
     return ~(np.abs(wrap_deg(a_deg - b_deg)) > window_deg)
 
 
-def _agree_on_circle(
-    a_deg: FloatArray, b_deg: FloatArray, window_deg: float
-) -> BoolArray:
+def _agree_on_circle(a_deg: FloatArray, b_deg: FloatArray, window_deg: float) -> BoolArray:
     """Tell the same of bearings in [0, 360], without a division."""
     apart = np.abs(a_deg - b_deg)
     return ~((apart > window_deg) & (apart < 360.0 - window_deg))
@@ -286,11 +276,7 @@ def _has_direction(
 
 
 def _density(
-    frequency_hz: FloatArray,
-    rule: CombRule,
-    lower: IntArray,
-    upper: IntArray,
-    hits: IntArray,
+    frequency_hz: FloatArray, rule: CombRule, lower: IntArray, upper: IntArray, hits: IntArray
 ) -> FloatArray:
     """Density of peaks, per Hz: of the band, or of the comb's own span if denser.
 

@@ -18,12 +18,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_deg
-from uwtrack_cli.lines.families.comb_test import (
-    TOLERANCE_SIGMAS,
-    CombRule,
-    agree,
-    comb_tests,
-)
+from uwtrack_cli.lines.families.comb_test import TOLERANCE_SIGMAS, CombRule, agree, comb_tests
 
 _MOST_TRIES = 2
 """Combs that a free peak may try to found a family."""
@@ -60,10 +55,7 @@ class CombFit(NamedTuple):
 
 
 def find_combs(
-    frequency_hz: FloatArray,
-    bearing_deg: FloatArray,
-    rule: CombRule,
-    greatest_chance: float,
+    frequency_hz: FloatArray, bearing_deg: FloatArray, rule: CombRule, greatest_chance: float
 ) -> tuple[list[Comb], FloatArray]:
     """Find the families among the peaks of one instant.
 
@@ -75,9 +67,7 @@ def find_combs(
     score = np.full(frequency_hz.size, np.inf)
     if frequency_hz.size < 3:
         return [], score
-    lower, upper, spacings, chance = comb_tests(
-        frequency_hz, bearing_deg, rule, greatest_chance
-    )
+    lower, upper, spacings, chance = comb_tests(frequency_hz, bearing_deg, rule, greatest_chance)
     keep = np.flatnonzero(chance < np.log10(greatest_chance))
     keep = keep[np.argsort(chance[keep], kind="stable")]
     np.minimum.at(score, lower[keep], chance[keep])
@@ -101,12 +91,10 @@ def find_combs(
                 rest = keep[at:]
                 ends = np.concatenate([lower[rest], upper[rest]])
                 steps = np.tile(
-                    (frequency_hz[upper[rest]] - frequency_hz[lower[rest]])
-                    / spacings[rest], 2,
-                )  # fmt: skip
+                    (frequency_hz[upper[rest]] - frequency_hz[lower[rest]]) / spacings[rest], 2
+                )
                 is_free = owner[ends] < 0
-                comb = _prolonged(comb, frequency_hz, ends[is_free],
-                                  steps[is_free], rule)  # fmt: skip
+                comb = _prolonged(comb, frequency_hz, ends[is_free], steps[is_free], rule)
                 owner[comb.members] = len(combs)
                 combs.append(comb)
                 is_news = True
@@ -120,11 +108,7 @@ def find_combs(
 
 
 def _prolonged(
-    comb: Comb,
-    frequency_hz: FloatArray,
-    ends: IntArray,
-    spacing_hz: FloatArray,
-    rule: CombRule,
+    comb: Comb, frequency_hz: FloatArray, ends: IntArray, spacing_hz: FloatArray, rule: CombRule
 ) -> Comb:
     """Add the ends of other significant combs that continue this one's teeth."""
     for _ in range(_MOST_PROLONGATIONS):
@@ -147,9 +131,7 @@ def _prolonged(
         if teeth.size == comb.teeth.size:
             break
         comb = Comb(members[first], teeth, spacing, comb.log10_chance)
-    return Comb(
-        comb.members, comb.teeth - comb.teeth.min(), comb.spacing_hz, comb.log10_chance
-    )
+    return Comb(comb.members, comb.teeth - comb.teeth.min(), comb.spacing_hz, comb.log10_chance)
 
 
 def _members(
@@ -165,8 +147,7 @@ def _members(
     miss = np.abs(frequency_hz - frequency_hz[low] - tooth * spacing)
     middle = bearing_deg[low] + 0.5 * wrap_deg(bearing_deg[high] - bearing_deg[low])
     belongs = (miss <= rule.tolerance_hz) & (tooth >= 0) & (tooth <= count)
-    belongs &= agree(bearing_deg, np.full_like(bearing_deg, middle),
-                      rule.bearing_window_deg)  # fmt: skip
+    belongs &= agree(bearing_deg, np.full_like(bearing_deg, middle), rule.bearing_window_deg)
     belongs[[low, high]] = True
     members = np.flatnonzero(belongs)
     order = np.lexsort((miss[members], tooth[members]))

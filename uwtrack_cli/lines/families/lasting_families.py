@@ -86,9 +86,7 @@ class FamilyRegister:
             self._family_of[number] = self._family_of.pop(line)
 
     def _continued(self, names: list[int], spacing_hz: float) -> int | None:
-        known = Counter(
-            self._family_of[name] for name in names if name in self._family_of
-        )
+        known = Counter(self._family_of[name] for name in names if name in self._family_of)
         for number, count in known.most_common():
             ratio = self.families[number].fit.spacing_hz / spacing_hz
             # every second tooth of a family is that family, too
@@ -97,9 +95,7 @@ class FamilyRegister:
                 return number
         return None
 
-    def lasting(
-        self, lines: IntArray, greatest_chance: float
-    ) -> tuple[Families, IntArray]:
+    def lasting(self, lines: IntArray, greatest_chance: float) -> tuple[Families, IntArray]:
         """Return the families that chance does not explain, and each line's one."""
         limit = np.log10(greatest_chance) - np.log10(max(self.looks, 1))
         chosen = {

@@ -65,9 +65,7 @@ def fit_course(
         return None
     while True:
         use = known[:n_used]
-        course, is_far = _robust_fit(
-            time_s[use] - at_s, frequency_hz[use], 1.0 / variance[use]
-        )
+        course, is_far = _robust_fit(time_s[use] - at_s, frequency_hz[use], 1.0 / variance[use])
         shorter = max(n_used // 2, FEWEST_FRAMES)
         if is_far.mean() <= MOST_FAR or shorter == n_used:
             return course

@@ -169,9 +169,7 @@ class Meetings:
         ascending = np.take_along_axis(table, order, axis=1)
         with np.errstate(invalid="ignore"):
             at, rank = np.nonzero(np.diff(ascending) < TOGETHER_BINS * self.bin_hz)
-        pairs = np.sort(
-            np.stack([order[at, rank], order[at, rank + 1]], axis=1), axis=1
-        )
+        pairs = np.sort(np.stack([order[at, rank], order[at, rank + 1]], axis=1), axis=1)
         found, first = np.unique(pairs, axis=0, return_index=True)
         frames = at[first] + points.frame.min()
         # those that were near before have not come together now
@@ -195,13 +193,9 @@ class Meetings:
         near = self._near_frames(since, meeting.members, meeting.members)
         meeting.last_near = max(meeting.last_near, int(near.max(initial=0)))
 
-    def _near_frames(
-        self, points: LinePoints, some: set[int], others: set[int]
-    ) -> IntArray:
+    def _near_frames(self, points: LinePoints, some: set[int], others: set[int]) -> IntArray:
         """Return the frames in which some lines were near others."""
-        one, two = (
-            points.take(np.isin(points.line, list(lines))) for lines in (some, others)
-        )
+        one, two = (points.take(np.isin(points.line, list(lines))) for lines in (some, others))
         away = np.abs(one.frequency_hz[:, None] - two.frequency_hz)
         is_near = away < TOGETHER_BINS * self.bin_hz
         is_near &= one.frame[:, None] == two.frame
@@ -217,9 +211,7 @@ class Meetings:
         """
         courses, snr_db = {}, [np.inf]
         for line in sorted(lines):
-            own = (
-                points.take(points.line == line).sorted().take(slice(None, None, step))
-            )
+            own = points.take(points.line == line).sorted().take(slice(None, None, step))
             std = own.measured[:, 1]
             variance = np.where(np.isfinite(std), std**2, np.inf)
             course = fit_course(own.time_s, own.measured[:, 0], variance, at_s)
@@ -250,9 +242,7 @@ class Meetings:
         is_late = rest.frame > meeting.last_near
         line = np.array([now.get(int(k), int(k)) for k in rest.line], dtype=np.int64)
         rest = replace(rest, line=np.where(is_late, line, rest.line))
-        courses = {
-            old: (meeting.entry[old], exits[new]) for new, old in pairing.items()
-        }
+        courses = {old: (meeting.entry[old], exits[new]) for new, old in pairing.items()}
         placed = self._placed(held.take(between), courses, meeting.begin_s, end_s)
         self._held = LinePoints.join([rest, placed])
         paths = set(self._names) | set(now)
@@ -264,10 +254,7 @@ class Meetings:
     ) -> dict[int, int] | None:
         """Return which line was which by the numbers after; None if it is not clear."""
         span_s = end_s - meeting.begin_s
-        ways = [
-            dict(zip(order, meeting.entry, strict=True))
-            for order in permutations(exits)
-        ]
+        ways = [dict(zip(order, meeting.entry, strict=True)) for order in permutations(exits)]
         costs = []
         for way in ways:
             of_drift = [

@@ -122,8 +122,7 @@ def find_jumped(
     own = JumpCandidates(end_hz, end_s, begin_hz, is_there, 1.0 / window_s)
     for jump in known:
         near = [
-            np.abs(time_s - jump.time_s) < _LATE_WINDOWS * window_s
-            for time_s in (end_s, begin_s)
+            np.abs(time_s - jump.time_s) < _LATE_WINDOWS * window_s for time_s in (end_s, begin_s)
         ]
         pairs = own.paired(end_hz * jump.ratio, is_there & np.outer(*near))
         if pairs:
@@ -171,24 +170,16 @@ def _is_there(ends: Sequence[PathEnd], begins: Sequence[PathEnd]) -> BoolArray:
 
     A line does not go on with itself: a short one ends soon after it has begun.
     """
-    was, was_variance = np.array([
-        (e.state.position[1], e.state.variance[1]) for e in ends
-    ]).T  # fmt: skip
-    now, now_variance = np.array([
-        (e.state.position[1], e.state.variance[1]) for e in begins
-    ]).T  # fmt: skip
+    was, was_variance = np.array([(e.state.position[1], e.state.variance[1]) for e in ends]).T
+    now, now_variance = np.array([(e.state.position[1], e.state.variance[1]) for e in begins]).T
     variance = was_variance[:, None] + now_variance
     turn = wrap_deg(now - was[:, None])
     is_unknown = variance >= UNKNOWN_BEARING_VARIANCE
     is_other = np.array([[e.line != b.line for b in begins] for e in ends])
-    return np.asarray(
-        is_other & (is_unknown | (turn**2 < BEARING_SIGMAS**2 * variance))
-    )
+    return np.asarray(is_other & (is_unknown | (turn**2 < BEARING_SIGMAS**2 * variance)))
 
 
-def _kinks(
-    paths: MeasuredPaths, at_s: float
-) -> tuple[IntArray, FloatArray, FloatArray]:
+def _kinks(paths: MeasuredPaths, at_s: float) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return the paths that run through a time with a kink, and both frequencies.
 
     Frequencies are those of straight courses on either side, extrapolated to the time.

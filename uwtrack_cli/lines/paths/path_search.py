@@ -191,9 +191,7 @@ def beyond_outer_tiles(
         (centres[0], centres[1], slice(None, int(centres[0]))),
         (centres[-1], centres[-2], slice(int(centres[-1]), None)),
     ):
-        ratio = np.maximum(known[:, outer], SMALLEST) / np.maximum(
-            known[:, inner], SMALLEST
-        )
+        ratio = np.maximum(known[:, outer], SMALLEST) / np.maximum(known[:, inner], SMALLEST)
         step = float(np.log(ratio).mean())
         if 0.0 < step < EDGE_STEP:
             share = (log_hz[own] - log_hz[outer]) / (log_hz[outer] - log_hz[inner])
@@ -261,10 +259,7 @@ def _lines_along(
 
 
 def _own_frames(
-    cells: IntArray,
-    interval: tuple[int, int],
-    found: list[FoundPath],
-    cells_per_bin: int,
+    cells: IntArray, interval: tuple[int, int], found: list[FoundPath], cells_per_bin: int
 ) -> tuple[int, int]:
     """Return what is left of a path's interval without others' lines at its ends."""
     is_own = np.zeros(cells.size, dtype=bool)
@@ -286,11 +281,7 @@ def _centred(path: IntArray, power_ratio: FloatArray, cells_per_bin: int) -> Int
 
 
 def _accepted(
-    total: FloatArray,
-    moves: Steps,
-    least: PathScores,
-    expected: IntArray,
-    cells_per_bin: int,
+    total: FloatArray, moves: Steps, least: PathScores, expected: IntArray, cells_per_bin: int
 ) -> list[tuple[IntArray, float]]:
     """Choose paths above their threshold that share no frames, best first."""
     is_top = np.ones(total.size, dtype=bool)
@@ -322,9 +313,7 @@ def _accepted(
     return accepted
 
 
-def _mask(
-    scores: FloatArray, power_ratio: FloatArray, cells: IntArray, cells_per_bin: int
-) -> None:
+def _mask(scores: FloatArray, power_ratio: FloatArray, cells: IntArray, cells_per_bin: int) -> None:
     """Take a line and what it leaks out of the scores.
 
     Hann's main lobe is two bins to either side; side lobes fall by 18 dB per octave
@@ -381,10 +370,7 @@ def _without_bridges(
         return [(first, stop)]
     if moved < max(_BRIDGE_MOVES * (high - low), _BRIDGE_CELLS):
         return [(first, stop)]
-    return [
-        *_without_bridges(gain, cells, first, low),
-        *_without_bridges(gain, cells, high, stop),
-    ]
+    return [*_without_bridges(gain, cells, first, low), *_without_bridges(gain, cells, high, stop)]
 
 
 def _greatest_sum(values: FloatArray) -> tuple[int, int]:

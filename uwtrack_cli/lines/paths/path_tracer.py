@@ -47,10 +47,7 @@ from uwtrack_cli.lines.paths.trace_window import (
     to_window,
 )
 from uwtrack_cli.lines.tracker_options import Gates, Harmonics, ProcessNoise
-from uwtrack_cli.lines.tracking.line_continuation import (
-    LEAST_LOG_RATIO,
-    log_ratio_of_return,
-)
+from uwtrack_cli.lines.tracking.line_continuation import LEAST_LOG_RATIO, log_ratio_of_return
 
 _FEWEST_FRAMES = 32
 """Frames with sound in a window below which its noise is not measured."""
@@ -121,9 +118,7 @@ class PathTracer:
         self.next_frame = 0
         self.is_first = True
         self.noise = RecordingNoise(inside.size, first.frames.cells_per_bin)
-        self.meetings = Meetings(
-            resolution, rule.motion.own_density(first.frames.window_s)
-        )
+        self.meetings = Meetings(resolution, rule.motion.own_density(first.frames.window_s))
         self.samples = ContactSamples(max(1, round(1.0 / (resolution * self.hop_s))))
         self.families = FamilyRegister()
 
@@ -156,9 +151,7 @@ class PathTracer:
         n_frames = data.frame.size
         threshold = self.rule.threshold
         scores = (
-            threshold.scores(n_frames)
-            if data.east is None
-            else threshold.scores_with_bearing(data)
+            threshold.scores(n_frames) if data.east is None else threshold.scores_with_bearing(data)
         )
         expected = [
             int(living.cells[np.searchsorted(living.frame, data.frame[0])])
@@ -169,9 +162,7 @@ class PathTracer:
         beyond = beyond_outer_tiles(even, data.frequency_hz, data.cells_per_bin)
         ratio = whiten(data.power_ratio / beyond, data.cells_per_bin)
         places = np.array(expected, dtype=np.int64)
-        search = find_paths(
-            cell_scores(ratio), ratio, scores, places, data.cells_per_bin
-        )
+        search = find_paths(cell_scores(ratio), ratio, scores, places, data.cells_per_bin)
         excess = self._excess(data, search)
         paths = [
             path
@@ -203,12 +194,7 @@ class PathTracer:
         return points
 
     def _continue(
-        self,
-        data: WindowData,
-        paths: list[FoundPath],
-        final: tuple[int, int],
-        *,
-        is_last: bool,
+        self, data: WindowData, paths: list[FoundPath], final: tuple[int, int], *, is_last: bool
     ) -> list[LinePoints]:
         """Name the paths, let their final points out, and keep the rest pending."""
         if not paths:
@@ -253,9 +239,7 @@ class PathTracer:
         self.ended = [e for e in self.ended if first_s - e.time_s < self.silence_s]
         self.ended += [line.end for line in lines if line.end is not None]
 
-    def _heirs(
-        self, data: WindowData, paths: list[FoundPath]
-    ) -> tuple[list[FoundPath], IntArray]:
+    def _heirs(self, data: WindowData, paths: list[FoundPath]) -> tuple[list[FoundPath], IntArray]:
         """Give the paths that run beside those of living lines their numbers.
 
         A line that was silent, or has jumped, can have several paths in a window.
@@ -390,13 +374,9 @@ class PathTracer:
         cells = path.cells[path.first : path.stop]
         _, ours, theirs = np.intersect1d(frames, old.frame, return_indices=True)
         is_common = np.ones(ours.size, dtype=bool)
-        return is_same_line(
-            cells[ours], old.cells[theirs], is_common, data.cells_per_bin
-        )
+        return is_same_line(cells[ours], old.cells[theirs], is_common, data.cells_per_bin)
 
-    def _smoothed(
-        self, data: WindowData, cells: IntArray, measured: Measured
-    ) -> FloatArray:
+    def _smoothed(self, data: WindowData, cells: IntArray, measured: Measured) -> FloatArray:
         """Smooth the paths' measurements; return states, (frame, 5, 2, line)."""
         motion = self.rule.motion
         middle = data.frequency_hz[cells].mean(axis=0)
@@ -422,9 +402,8 @@ class PathTracer:
         sigma = 0.29 * self.resolution_hz / data.cells_per_bin
         band = data.frequency_hz[-1] - data.frequency_hz[0]
         comb = CombRule(
-            harmonics.spacing_hz, harmonics.teeth, sigma,
-            harmonics.bearing_window_deg, float(band),
-        )  # fmt: skip
+            harmonics.spacing_hz, harmonics.teeth, sigma, harmonics.bearing_window_deg, float(band)
+        )
         unknown = np.full(there.size, np.nan)
         combs, _ = find_combs(frequency[order], unknown, comb, _FAMILY_CHANCE)
         numbers = np.array([self.meetings.name(int(k)) for k in lines[there[order]]])
@@ -452,11 +431,7 @@ class PathTracer:
 
 
 def _is_beyond(
-    path: FoundPath,
-    excess: FloatArray,
-    least: PathScores,
-    expected: IntArray,
-    cells_per_bin: int,
+    path: FoundPath, excess: FloatArray, least: PathScores, expected: IntArray, cells_per_bin: int
 ) -> bool:
     """Tell whether a path exceeds its threshold by more than the recording's noise."""
     score = path.score - float(excess[path.cells].mean())
@@ -486,5 +461,5 @@ def _joined(living: list[_Living]) -> list[_Living]:
                 cells=np.concatenate([early.cells, part.cells]),
                 out_to=early.out_to if early.pending.line.size else part.out_to,
                 pending=LinePoints.join([early.pending, part.pending]),
-            )  # fmt: skip
+            )
     return list(whole.values())

@@ -21,12 +21,7 @@ surrogate data", Physica D 58, 77-94 (1992); Efron and Morris (1975) for the shr
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
-from uwtrack_cli.lines.paths.path_search import (
-    MOVE_PENALTY,
-    PathSearch,
-    best_scores,
-    trace_back,
-)
+from uwtrack_cli.lines.paths.path_search import MOVE_PENALTY, PathSearch, best_scores, trace_back
 
 BLOCK_BINS = 16
 """Natural bins of a block: those of a tile of the noise floor."""
@@ -90,9 +85,7 @@ def _filled(values: FloatArray, is_replaced: BoolArray) -> FloatArray:
     return np.take_along_axis(values, source, axis=1)
 
 
-def _shifts(
-    rng: np.random.Generator, n_frames: int, widest: int, least_step: int
-) -> IntArray:
+def _shifts(rng: np.random.Generator, n_frames: int, widest: int, least_step: int) -> IntArray:
     """Draw shifts evenly, of which no two neighbours are near each other."""
     shift = np.empty(n_frames, dtype=np.int64)
     places = np.arange(-widest, widest + 1)

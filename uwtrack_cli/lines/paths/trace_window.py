@@ -26,11 +26,7 @@ from uwtrack_cli.estimation.noise_floor import (
     TILE_FRAMES,
     noise_floor,
 )
-from uwtrack_cli.estimation.window import (
-    NOISE_BANDWIDTH_BINS,
-    frequency_std_hz,
-    peak_offset_bins,
-)
+from uwtrack_cli.estimation.window import NOISE_BANDWIDTH_BINS, frequency_std_hz, peak_offset_bins
 from uwtrack_cli.lines.tracking.track_store import UNKNOWN_BEARING_VARIANCE
 
 _PEAK_SNR = 1.6
@@ -100,15 +96,10 @@ class Measured:
 def to_window(spectrogram: Spectrogram, chosen: slice) -> WindowData:
     """Take what is needed from a block of spectrogram, and estimate its noise."""
     frames = spectrogram.frames
-    power, frequency = (
-        spectrogram.power_density[:, chosen],
-        spectrogram.frequency_hz[chosen],
-    )
+    power, frequency = (spectrogram.power_density[:, chosen], spectrogram.frequency_hz[chosen])
     exponent = ground_exponent(power, frequency, frames.cells_per_bin)
     ground = power_law(frequency, exponent)
-    floor = noise_floor(
-        power / ground, frames.valid_fraction, zero_padding=frames.cells_per_bin
-    )
+    floor = noise_floor(power / ground, frames.valid_fraction, zero_padding=frames.cells_per_bin)
     floor = np.maximum(floor * ground, SMALLEST)
     east, north = spectrogram.intensity_east, spectrogram.intensity_north
     return WindowData(
@@ -126,9 +117,7 @@ def to_window(spectrogram: Spectrogram, chosen: slice) -> WindowData:
     )
 
 
-def ground_exponent(
-    power: FloatArray, frequency_hz: FloatArray, cells_per_bin: int
-) -> FloatArray:
+def ground_exponent(power: FloatArray, frequency_hz: FloatArray, cells_per_bin: int) -> FloatArray:
     """Return the power of frequency by which each frame's ground falls, shape (frame,).
 
     A tile of the noise floor is wider than the knee of steep ground near zero. Where the
@@ -158,9 +147,7 @@ def ground_exponent(
 
 def power_law(frequency_hz: FloatArray, exponent: FloatArray) -> FloatArray:
     """Return the ground of such exponents, one at the lowest cell, (frame, cell)."""
-    law: FloatArray = (frequency_hz / frequency_hz[0]).astype(np.float32) ** -exponent[
-        :, None
-    ]
+    law: FloatArray = (frequency_hz / frequency_hz[0]).astype(np.float32) ** -exponent[:, None]
     return law
 
 
@@ -209,9 +196,7 @@ def _frequency(
     # by the line's own strength: single peaks owe theirs to the noise
     std = np.broadcast_to(frequency_std_hz(strength, data.window_s), shape)
     # a cell's error: its width, and the noise that pulls the path (simulated)
-    cell_std = (
-        bin_hz * np.sqrt(_PATH_CORRELATION) * np.hypot(0.29 * step, 0.31 / strength)
-    )
+    cell_std = bin_hz * np.sqrt(_PATH_CORRELATION) * np.hypot(0.29 * step, 0.31 / strength)
     is_strong = strength > _PEAK_SNR
     return (
         np.where(is_strong, interpolated, data.frequency_hz[cells]),
@@ -241,10 +226,7 @@ def _bearing(
 
 
 def smooth_window(
-    measured: Measured,
-    time_s: FloatArray,
-    noise_density: FloatArray,
-    rate_std: FloatArray,
+    measured: Measured, time_s: FloatArray, noise_density: FloatArray, rate_std: FloatArray
 ) -> FloatArray:
     """Filter and smooth all lines of a window; return states, (frame, 5, 2, line).
 

@@ -128,10 +128,7 @@ def best_basis(rungs: Sequence[RungLines]) -> list[BoolArray]:
 
 
 def _decide(
-    rungs: Sequence[RungLines],
-    stands: Sequence[BoolArray],
-    place: tuple[int, int],
-    cell_s: float,
+    rungs: Sequence[RungLines], stands: Sequence[BoolArray], place: tuple[int, int], cell_s: float
 ) -> None:
     """Let a line, or what runs beside it in finer rungs, fall in every cell of time."""
     number, line = place
@@ -170,9 +167,7 @@ def _decide(
     stands[number][points[is_told[covering]]] = False
 
 
-def _evidence(
-    rung: RungLines, points: IntArray, cell: IntArray, cells: IntArray
-) -> FloatArray:
+def _evidence(rung: RungLines, points: IntArray, cell: IntArray, cells: IntArray) -> FloatArray:
     """Return the evidence of points of one line in each of some cells of time."""
     rows = np.searchsorted(cells, cell)
     count = np.bincount(rows, minlength=cells.size)
@@ -190,9 +185,7 @@ def _covering(time_s: FloatArray, finer_s: FloatArray, hop_s: FloatArray) -> Int
     begin_s, end_s = ((finer_s + sign * 0.5 * hop_s)[order] for sign in (-1.0, 1.0))
     latest = np.maximum.accumulate(end_s)
     # the point whose time reaches furthest among those that have begun
-    furthest = np.maximum.accumulate(
-        np.where(end_s == latest, np.arange(order.size), 0)
-    )
+    furthest = np.maximum.accumulate(np.where(end_s == latest, np.arange(order.size), 0))
     last = np.searchsorted(begin_s, time_s + 1e-9, "right") - 1
     begun = np.maximum(last, 0)
     chosen = np.where(end_s[begun] >= time_s - 1e-9, begun, furthest[begun])

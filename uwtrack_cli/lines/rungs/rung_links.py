@@ -39,9 +39,7 @@ Place = tuple[int, int]
 """Rung and row of a line."""
 
 
-def numbers_of_lines(
-    rungs: Sequence[RungLines], stands: Sequence[BoolArray]
-) -> list[IntArray]:
+def numbers_of_lines(rungs: Sequence[RungLines], stands: Sequence[BoolArray]) -> list[IntArray]:
     """Return the number of each line, shape (line,) for each rung."""
     told, heard = (
         {
@@ -101,9 +99,7 @@ class _Told:
         edges = np.stack([self.begin_s, self.end_s], axis=1).ravel()
         length = np.stack([np.zeros(self.begin_s.size), self.end_s - self.begin_s], 1)
         before = np.cumsum(length.ravel())
-        ends, begins = (
-            np.interp(t, edges, before) for t in (other.end_s, other.begin_s)
-        )
+        ends, begins = (np.interp(t, edges, before) for t in (other.end_s, other.begin_s))
         return float((ends - begins).sum())
 
     def joined(self, other: Self) -> Self:
@@ -145,9 +141,7 @@ def _companions(rungs: Sequence[RungLines]) -> list[tuple[Place, Place]]:
 
 
 def _numbered(
-    rungs: Sequence[RungLines],
-    stands: Sequence[BoolArray],
-    members: dict[Place, list[Place]],
+    rungs: Sequence[RungLines], stands: Sequence[BoolArray], members: dict[Place, list[Place]]
 ) -> list[IntArray]:
     """Give the groups numbers in the order in which they begin."""
     begins: list[tuple[float, Place]] = []
@@ -227,9 +221,7 @@ def joined_jumps(
     }
 
 
-def _told(
-    lines: Lines, rung: RungLines, numbers: IntArray, contact: IntArray
-) -> list[_Jump]:
+def _told(lines: Lines, rung: RungLines, numbers: IntArray, contact: IntArray) -> list[_Jump]:
     """Return the jumps of one rung; a file of an older version has none."""
     columns = (
         lines.jump_line_count, lines.jump_time_s, lines.jump_ratio, lines.jump_ratio_std,
@@ -238,9 +230,7 @@ def _told(
     if any(column is None for column in columns):
         return []
     found = []
-    of_line = dict(
-        zip(lines.line_id.tolist(), lines.line_contact.tolist(), strict=True)
-    )
+    of_line = dict(zip(lines.line_id.tolist(), lines.line_contact.tolist(), strict=True))
     own = np.array([of_line.get(name, 0) for name in rung.names.tolist()], np.int64)
     for n_lines, time_s, ratio, std, old in zip(*columns, strict=True):  # type: ignore[arg-type]
         joined = numbers[(own == old) & (own > 0) & (numbers > 0)]

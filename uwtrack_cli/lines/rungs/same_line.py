@@ -21,9 +21,7 @@ MOST_RATIO = 4
 """Greatest whole number in the ratio of two spacings of one family."""
 
 
-def line_evidence(
-    n_frames: FloatArray, ratio: FloatArray | float, choice: float
-) -> FloatArray:
+def line_evidence(n_frames: FloatArray, ratio: FloatArray | float, choice: float) -> FloatArray:
     """Return the evidence of a line against noise, nepers; none is less than zero.
 
     Of independent frames that it lasts, its mean power over noise in its cell, and the
@@ -38,9 +36,7 @@ def line_evidence(
     return np.asarray(n_frames * np.maximum(gain, 0.0))
 
 
-def is_one_family(
-    spacings_hz: tuple[float, float], one: IntArray, two: IntArray
-) -> bool:
+def is_one_family(spacings_hz: tuple[float, float], one: IntArray, two: IntArray) -> bool:
     """Tell whether families are one: they share lines, and their spacings agree.
 
     Examples

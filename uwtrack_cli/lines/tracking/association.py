@@ -79,13 +79,9 @@ class Associator:
         self.resolution_hz = resolution_hz
         self.near_hz = UNRESOLVED * resolution_hz
         # a fixed gate is meant as it is, and so is a fixed process noise
-        self.may_turn = (
-            options.gates.bearing_deg is None and options.motion.adaptation > 0.0
-        )
+        self.may_turn = options.gates.bearing_deg is None and options.motion.adaptation > 0.0
 
-    def associate(
-        self, slots: IntArray, peaks: FramePeaks, height: FloatArray
-    ) -> Choice:
+    def associate(self, slots: IntArray, peaks: FramePeaks, height: FloatArray) -> Choice:
         """Choose peaks: confirmed lines, which come first in ``slots``, then others."""
         n_confirmed = self.store.confirmed.size
         is_wide = np.zeros(slots.size, dtype=bool)
@@ -108,9 +104,8 @@ class Associator:
             if not is_left.all():
                 tentative = tentative.take(is_left)
         evidence: FloatArray = np.bincount(
-            tentative.line - n_confirmed, np.exp(tentative.gain),
-            minlength=slots.size - n_confirmed,
-        ).astype(np.float64)  # fmt: skip
+            tentative.line - n_confirmed, np.exp(tentative.gain), minlength=slots.size - n_confirmed
+        ).astype(np.float64)
         tentative = tentative.best(is_exclusive=self.logic.is_exclusive)
         likely = tentative.gain > self.logic.least_gain
         # noise has no peak as loud: the line has moved, no other one has appeared
@@ -132,11 +127,7 @@ class Associator:
         return self.store.hold[slots] > 0
 
     def pairs(
-        self,
-        slots: IntArray,
-        is_wide: BoolArray,
-        peaks: FramePeaks,
-        height: FloatArray,
+        self, slots: IntArray, is_wide: BoolArray, peaks: FramePeaks, height: FloatArray
     ) -> Pairs:
         """List the pairs inside their gates, with cost and gain of score."""
         gates, store = self.options.gates, self.store
@@ -198,9 +189,7 @@ class Associator:
             fence[0], fence[-1] = -np.inf, np.inf
             fence[1:-1] = np.sort(store.frequency_hz[slots])
             at = np.searchsorted(fence, peaks.frequency_hz)
-            away = np.minimum(
-                peaks.frequency_hz - fence[at - 1], fence[at] - peaks.frequency_hz
-            )
+            away = np.minimum(peaks.frequency_hz - fence[at - 1], fence[at] - peaks.frequency_hz)
             return np.asarray(away < reach)
         line, peak = candidate_pairs(
             store.frequency_hz[slots], np.full(slots.size, reach), peaks.frequency_hz

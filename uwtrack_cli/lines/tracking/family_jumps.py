@@ -25,11 +25,7 @@ from uwtrack_cli.lines.common_jumps import (
 )
 from uwtrack_cli.lines.line_points import FamilyJump
 from uwtrack_cli.lines.tracking.line_continuation import SilentLines
-from uwtrack_cli.lines.tracking.track_store import (
-    CONFIRMED,
-    UNKNOWN_BEARING_VARIANCE,
-    TrackStore,
-)
+from uwtrack_cli.lines.tracking.track_store import CONFIRMED, UNKNOWN_BEARING_VARIANCE, TrackStore
 
 LONG_BEFORE_WINDOWS = 40.0
 """The former where the jump is known from other lines."""
@@ -115,9 +111,8 @@ class FamilyJumps:
         may_be = (wait > -LONG_BEFORE_WINDOWS) & (wait < AFTER_WINDOWS)
         may_be &= self._is_there(before, slots)
         candidates = JumpCandidates(
-            before_hz, before.time_s, store.frequency_hz[slots], may_be,
-            self.resolution_hz,
-        )  # fmt: skip
+            before_hz, before.time_s, store.frequency_hz[slots], may_be, self.resolution_hz
+        )
         ratio = candidates.log_ratio
         pairs, known = self._followed(candidates)
         if not pairs and min(slots.size, due.size) >= FEWEST_LINES:
@@ -135,9 +130,7 @@ class FamilyJumps:
             known = told_jump(float(np.median(times_s)), ratio[old, new], variance)
             self.told.append(known)
         known.lines.update(numbers.tolist())
-        self._jumps.append(
-            _Jump(time_s, chosen, store.serial[chosen], before_hz[old], known)
-        )
+        self._jumps.append(_Jump(time_s, chosen, store.serial[chosen], before_hz[old], known))
         self._serials = np.setdiff1d(self._serials, store.serial[chosen])
         return [
             Renamed(int(slot), int(store.line[slot]), int(due[k]))

@@ -61,9 +61,7 @@ class Choice:
 
     def take(self, pairs: BoolArray) -> "Choice":
         """Return some of the pairs; the evidence stays whole."""
-        return Choice(
-            self.line[pairs], self.peak[pairs], self.gain[pairs], self.evidence
-        )
+        return Choice(self.line[pairs], self.peak[pairs], self.gain[pairs], self.evidence)
 
 
 def split_frames(block: Families | Peaks, peaks: Peaks) -> Iterator[FramePeaks]:

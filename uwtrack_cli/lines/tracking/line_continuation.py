@@ -27,10 +27,7 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.estimation.kalman import KalmanState, predict
-from uwtrack_cli.lines.tracking.track_store import (
-    UNKNOWN_BEARING_VARIANCE,
-    TrackStore,
-)
+from uwtrack_cli.lines.tracking.track_store import UNKNOWN_BEARING_VARIANCE, TrackStore
 
 LEAST_LOG_RATIO = 1.6
 """Logarithm of how much likelier a continuation must be than a stranger (5 to 1)."""
@@ -191,9 +188,7 @@ class LineContinuation:
         self.store.take_ended()  # they go on
         self.ended = self.ended.take(~np.isin(self.ended.number, old.number))
 
-    def _log_ratio(
-        self, silent: SilentLines, slots: IntArray, time_s: float
-    ) -> FloatArray:
+    def _log_ratio(self, silent: SilentLines, slots: IntArray, time_s: float) -> FloatArray:
         """Logarithm of "the old line again" over "a stranger", shape (silent, new)."""
         store = self.store
         n_strangers = self.ended.number.size + store.confirmed.size

@@ -113,9 +113,7 @@ class LlrScore:
         self.confirming = np.log(
             max(WALD_SHARE * births_per_khz_hour / rule.false_lines_per_khz_hour, 1.0)
         )
-        self.chance_hits = -np.expm1(
-            -GATE_CELLS * NOISE_PEAKS_PER_CELL * peaks.kept_probability
-        )
+        self.chance_hits = -np.expm1(-GATE_CELLS * NOISE_PEAKS_PER_CELL * peaks.kept_probability)
         self.most_own = max(self.detection, MOST_OWN_RATE)
         # what frames that are closer repeat, the weight takes off
         shared = cell_correlation(0.0, max(frames.hop_s / frames.window_s, 0.5))
@@ -159,11 +157,7 @@ class LlrScore:
         return -gain, gain
 
     def judge(
-        self,
-        store: TrackStore,
-        slots: IntArray,
-        chosen: Choice,
-        patience: FloatArray,
+        self, store: TrackStore, slots: IntArray, chosen: Choice, patience: FloatArray
     ) -> tuple[BoolArray, BoolArray]:
         """Add the frame's evidence and compare with Wald's bounds."""
         n_confirmed = store.confirmed.size

@@ -23,11 +23,7 @@ from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.estimation.angles import wrap_deg
-from uwtrack_cli.lines.sensitivity import (
-    MINUTE_S,
-    false_lines_by_count,
-    weakest_by_count,
-)
+from uwtrack_cli.lines.sensitivity import MINUTE_S, false_lines_by_count, weakest_by_count
 from uwtrack_cli.lines.tracker_options import LONGEST_WINDOW, CountLogic, Gates
 from uwtrack_cli.lines.tracking.frame_peaks import Choice, FramePeaks
 from uwtrack_cli.lines.tracking.track_store import (
@@ -62,9 +58,7 @@ class HitCounter:
             1e3 * rate, 1.0 / frames.window_s, *window, frames.hop_s
         )
         threshold = -np.log(peaks.false_alarm_probability)
-        self.weakest_line_snr_db = weakest_by_count(
-            threshold, *window, MINUTE_S / frames.hop_s
-        )
+        self.weakest_line_snr_db = weakest_by_count(threshold, *window, MINUTE_S / frames.hop_s)
 
     def heights(self, peaks: FramePeaks) -> FloatArray:
         """Return zeros: all hits are equal."""
@@ -83,11 +77,7 @@ class HitCounter:
         return distance, height
 
     def judge(
-        self,
-        store: TrackStore,
-        slots: IntArray,
-        chosen: Choice,
-        patience: FloatArray,
+        self, store: TrackStore, slots: IntArray, chosen: Choice, patience: FloatArray
     ) -> tuple[BoolArray, BoolArray]:
         """Count the hits of each line in its window."""
         rule = self.rule
@@ -171,9 +161,7 @@ def merge_lines(store: TrackStore, gates: Gates, resolution_hz: float) -> None:
         _end_doubles(store, gates, low[is_one], high[is_one])
 
 
-def _end_doubles(
-    store: TrackStore, gates: Gates, low: IntArray, high: IntArray
-) -> None:
+def _end_doubles(store: TrackStore, gates: Gates, low: IntArray, high: IntArray) -> None:
     weaker = _weaker(store, low, high)
     # once, though it may be the lesser of two pairs
     is_weaker = np.zeros(store.stage.size, dtype=bool)

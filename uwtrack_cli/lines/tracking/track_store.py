@@ -178,9 +178,7 @@ class TrackStore:
         """Replace the states of some lines by corrected ones."""
         self._moving_rows[:, :, slots] = state
 
-    def note_peaks(
-        self, slots: IntArray, measured: FloatArray, is_detection: BoolArray
-    ) -> None:
+    def note_peaks(self, slots: IntArray, measured: FloatArray, is_detection: BoolArray) -> None:
         """Note the peaks that lines take: `FramePeaks.measured`, and if detections."""
         self._table[_MEASURED:_ASSOCIATION, slots] = measured
         self.association[slots] = np.where(is_detection, DETECTED, SUB_THRESHOLD)
@@ -214,9 +212,7 @@ class TrackStore:
         more = self._table.shape[-1]
         for name in ("_table", "_ring", "_counts", "_gauges"):
             values = getattr(self, name)
-            grown = np.zeros(
-                (*values.shape[:-1], values.shape[-1] + more), values.dtype
-            )
+            grown = np.zeros((*values.shape[:-1], values.shape[-1] + more), values.dtype)
             grown[..., : values.shape[-1]] = values
             setattr(self, name, grown)
         self._name_rows()
@@ -286,9 +282,7 @@ class TrackStore:
         """Return the times in s of kept rows, counted from the start."""
         return self._row_time[self._kept(rows)]
 
-    def recall(
-        self, slots: IntArray, rows: IntArray
-    ) -> tuple[FloatArray, KalmanState, FloatArray]:
+    def recall(self, slots: IntArray, rows: IntArray) -> tuple[FloatArray, KalmanState, FloatArray]:
         """Return times, states and noise densities that lines had at kept rows.
 
         Rows are frames counted from the start, of a shape that broadcasts with that of

@@ -57,16 +57,8 @@ from uwtrack_cli.lines.tracking.family_jumps import FamilyJumps
 from uwtrack_cli.lines.tracking.frame_peaks import Choice, FramePeaks, split_frames
 from uwtrack_cli.lines.tracking.line_continuation import LineContinuation
 from uwtrack_cli.lines.tracking.llr_score import LlrScore
-from uwtrack_cli.lines.tracking.track_management import (
-    MERGE_EVERY,
-    HitCounter,
-    merge_lines,
-)
-from uwtrack_cli.lines.tracking.track_store import (
-    LAG_FRAMES,
-    UNKNOWN_BEARING_VARIANCE,
-    TrackStore,
-)
+from uwtrack_cli.lines.tracking.track_management import MERGE_EVERY, HitCounter, merge_lines
+from uwtrack_cli.lines.tracking.track_store import LAG_FRAMES, UNKNOWN_BEARING_VARIANCE, TrackStore
 
 _GREATEST_STD = 1.5
 """Deviation of a prediction, in resolutions, beyond which a line has no identity."""
@@ -115,9 +107,7 @@ class LineTracker:
             if options.initiation == "score"
             else HitCounter(options.count, frames, peaks)
         )
-        self.associator = Associator(
-            self.store, options, self.logic, self.resolution_hz
-        )
+        self.associator = Associator(self.store, options, self.logic, self.resolution_hz)
         self.continuation = LineContinuation(
             self.store, self.resolution_hz, self.band_hz, options.gates.silence_s,
             may_turn=options.motion.adaptation > 0.0,
@@ -150,9 +140,7 @@ class LineTracker:
             self.store.loosen_bearings(2.0 * turned)
         self.last_heading_deg = heading_deg
 
-    def step(
-        self, frame: int, time_s: float, valid_fraction: float, peaks: FramePeaks
-    ) -> None:
+    def step(self, frame: int, time_s: float, valid_fraction: float, peaks: FramePeaks) -> None:
         """Advance all lines by one frame."""
         store = self.store
         step_s = 0.0 if self.last_time_s is None else time_s - self.last_time_s
@@ -238,9 +226,7 @@ class LineTracker:
         if peaks.frequency_hz.size:
             self._start(peaks, ~(is_used | is_claimed), height)
 
-    def _associate(
-        self, slots: IntArray, peaks: FramePeaks, height: FloatArray
-    ) -> Choice:
+    def _associate(self, slots: IntArray, peaks: FramePeaks, height: FloatArray) -> Choice:
         return self.associator.associate(slots, peaks, height)
 
     def _update(self, slots: IntArray, chosen: Choice, peaks: FramePeaks) -> None:
@@ -271,9 +257,7 @@ class LineTracker:
         self._adapt(slots, deviation, probability)
         self._note_peaks(slots, peak, peaks)
 
-    def _follow_turns(
-        self, slots: IntArray, turn_deg: FloatArray, variance: FloatArray
-    ) -> None:
+    def _follow_turns(self, slots: IntArray, turn_deg: FloatArray, variance: FloatArray) -> None:
         """Let the noise of bearings follow peaks beyond their gates, and fall again."""
         usual, density = self.options.motion.bearing_deg2ps3, self.store.noise_density
         is_beyond = turn_deg**2 > self.options.gates.sigmas**2 * variance
@@ -281,9 +265,7 @@ class LineTracker:
         raised = np.minimum(density[1, slots] * factor, GREATEST_TURN_DEG2PS3)
         density[1, slots] = np.maximum(raised, usual)
 
-    def _adapt(
-        self, slots: IntArray, innovation: FloatArray, probability: FloatArray
-    ) -> None:
+    def _adapt(self, slots: IntArray, innovation: FloatArray, probability: FloatArray) -> None:
         """Let the noises of some lines follow their innovations, in deviations."""
         motion = self.options.motion
         if motion.adaptation > 0.0:
@@ -365,9 +347,8 @@ class LineTracker:
         bearing = np.where(is_known, store.bearing_deg[slots], np.nan)
         harmonics = self.options.harmonics
         rule = CombRule(
-            harmonics.spacing_hz, harmonics.teeth, sigma,
-            harmonics.bearing_window_deg, self.band_hz,
-        )  # fmt: skip
+            harmonics.spacing_hz, harmonics.teeth, sigma, harmonics.bearing_window_deg, self.band_hz
+        )
         combs, score = self.looks.find_combs(
             store.line[slots], frequency, bearing, rule, feedback.chance
         )
@@ -472,9 +453,7 @@ class FollowedLines(RememberedStream[Lines, tuple[Frames, LinePoints]]):
         points = LinePoints.join([*(points for _, points in past), held])
         points = points.since(begin_s).sorted()
         table = self._tracker.table_of(points)
-        return to_lines(
-            frames, points, table, self._tracker.scalars(), has_lobes=self._has_lobes
-        )
+        return to_lines(frames, points, table, self._tracker.scalars(), has_lobes=self._has_lobes)
 
     def _follow(self, blocks: Iterator[Families | Peaks]) -> Iterator[Lines]:
         frames: Frames | None = None
@@ -501,16 +480,13 @@ class FollowedLines(RememberedStream[Lines, tuple[Frames, LinePoints]]):
             if frames.n_frames:
                 now_s = float(frames.time_s[-1])
                 self._keep(now_s, (frames, points), now_s)
-            yield to_lines(
-                frames, points, no_table(), tracker.scalars(), has_lobes=self._has_lobes
-            )
+            yield to_lines(frames, points, no_table(), tracker.scalars(), has_lobes=self._has_lobes)
         if self._tracker is not None and frames is not None:
             points, table = self._tracker.finish(), self._tracker.line_table()
             nothing = frames.take("frame", slice(0, 0))
             yield to_lines(
-                nothing, points, table, self._tracker.scalars(),
-                has_lobes=self._has_lobes,
-            )  # fmt: skip
+                nothing, points, table, self._tracker.scalars(), has_lobes=self._has_lobes
+            )
 
 
 def _peaks_of(block: Families | Peaks) -> Peaks:
@@ -615,17 +591,13 @@ class LastLook:
         ``lines`` are the numbers of the lines that the frequencies and bearings are of;
         where any bearing is known, families are always sought.
         """
-        if not (
-            self._is_same(lines, frequency_hz, rule) and np.isnan(bearing_deg).all()
-        ):
+        if not (self._is_same(lines, frequency_hz, rule) and np.isnan(bearing_deg).all()):
             self.found = find_combs(frequency_hz, bearing_deg, rule, greatest_chance)
             self.lines, self.frequency_hz = lines, frequency_hz
             self.sigma_hz = rule.sigma_hz
         return self.found
 
-    def _is_same(
-        self, lines: IntArray, frequency_hz: FloatArray, rule: CombRule
-    ) -> bool:
+    def _is_same(self, lines: IntArray, frequency_hz: FloatArray, rule: CombRule) -> bool:
         if self.lines is None or not np.array_equal(lines, self.lines):
             return False
         if abs(rule.sigma_hz - self.sigma_hz) > SIGMA_CHANGE * self.sigma_hz:

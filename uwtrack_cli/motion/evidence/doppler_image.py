@@ -171,9 +171,7 @@ class DopplerImage:
         Length of its frames, s.
     """
 
-    def __init__(
-        self, samples: FloatArray, rate_hz: float, start_s: float, frame_s: float
-    ) -> None:
+    def __init__(self, samples: FloatArray, rate_hz: float, start_s: float, frame_s: float) -> None:
         from scipy.fft import next_fast_len, rfft
         from scipy.ndimage import uniform_filter1d
 
@@ -183,10 +181,7 @@ class DopplerImage:
         size = next_fast_len(PADDING * length, real=True)
         power = np.abs(rfft(frames * np.hanning(length), size, axis=1)) ** 2
         cell = np.log(2.0) / CELLS_PER_OCTAVE
-        low_hz, high_hz = (
-            max(BAND_HZ[0], 2.0 / frame_s),
-            min(BAND_HZ[1], 0.44 * rate_hz),
-        )
+        low_hz, high_hz = (max(BAND_HZ[0], 2.0 / frame_s), min(BAND_HZ[1], 0.44 * rate_hz))
         self.log_hz = np.arange(np.log(low_hz), np.log(high_hz), cell)
         place = np.exp(self.log_hz) * size / rate_hz
         half = 0.5 * np.maximum(place * cell, 1.0)
@@ -195,9 +190,7 @@ class DopplerImage:
         def summed(at: FloatArray) -> FloatArray:
             first = np.floor(at).astype(int)
             share = at - first
-            return np.asarray(
-                total[:, first] * (1 - share) + total[:, first + 1] * share
-            )
+            return np.asarray(total[:, first] * (1 - share) + total[:, first + 1] * share)
 
         level = (summed(place + 0.5 + half) - summed(place + 0.5 - half)) / (2 * half)
         value = np.log(level + 1e-12 * max(float(level.max()), 1e-300))
@@ -219,9 +212,7 @@ class DopplerImage:
         self._known_of = view(self._known, self.log_hz.size)
         self._cell, self._overlap = cell, max(0.0, 1.0 - hop / length)
 
-    def _stacked(
-        self, moved: FloatArray, step: int = 1
-    ) -> tuple[FloatArray, FloatArray]:
+    def _stacked(self, moved: FloatArray, step: int = 1) -> tuple[FloatArray, FloatArray]:
         """Return mean and precision of the frames shifted back, shape (law, cell).
 
         Of every ``step``-th frame; to the nearest cell if that is not every one.
@@ -324,9 +315,7 @@ class DopplerImage:
                 x, gain = tried[first], float(found[first])
             else:
                 step = FINER * step
-        return DopplerLaw(
-            float(x[0]), float(np.exp(x[1])), float(np.exp(x[2])), float(x[3])
-        ), gain
+        return DopplerLaw(float(x[0]), float(np.exp(x[1])), float(np.exp(x[2])), float(x[3])), gain
 
     def other_gain(self, law: DopplerLaw) -> float:
         """Return what the best movement without a passage gains, nepers."""
@@ -345,9 +334,7 @@ class DopplerImage:
         return float(self.gains(np.concatenate([drift, step, upside_down])).max())
 
 
-def doppler_evidence(
-    recording: Recording, time_s: float, width_s: float
-) -> DopplerEvidence | None:
+def doppler_evidence(recording: Recording, time_s: float, width_s: float) -> DopplerEvidence | None:
     """Return the best law of a passage of seconds, and the evidence of the sound for it.
 
     Parameters

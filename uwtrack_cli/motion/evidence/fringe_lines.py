@@ -47,9 +47,8 @@ against its places."""
 
 
 def likeliest_course(
-    panel: Panel, value: FloatArray, start: FloatArray, weight: FloatArray,
-    variance: float,
-) -> FloatArray:  # fmt: skip
+    panel: Panel, value: FloatArray, start: FloatArray, weight: FloatArray, variance: float
+) -> FloatArray:
     """Return the course on which one pattern of any shape moves, shape (row,).
 
     Parameters
@@ -110,9 +109,7 @@ def _walked(score: FloatArray) -> IntArray:
     return np.array(path[::-1])
 
 
-def course_share(
-    panel: Panel, moving: Hypothesis, template: Template, divisor: float
-) -> float:
+def course_share(panel: Panel, moving: Hypothesis, template: Template, divisor: float) -> float:
     """Return the log of the prior probability of courses that agree with rows, nepers.
 
     Courses are random walks whose steps are as large as the rows tell: what follows rows

@@ -23,11 +23,7 @@ from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.evidence.fringe_panel import Panel
-from uwtrack_cli.motion.evidence.fringe_template import (
-    FringeModel,
-    Hypothesis,
-    Template,
-)
+from uwtrack_cli.motion.evidence.fringe_template import FringeModel, Hypothesis, Template
 
 RESTS = (0.0005, 0.002, 0.008, 0.03, 0.12)
 """Variances of what a pattern has beside its comb, nepers^2."""
@@ -86,9 +82,8 @@ class Mirror(NamedTuple):
 
 
 def mirror_of(
-    panel: Panel, passage: Hypothesis, template: Template, misfit: float,
-    lowest_hz: float,
-) -> Mirror:  # fmt: skip
+    panel: Panel, passage: Hypothesis, template: Template, misfit: float, lowest_hz: float
+) -> Mirror:
     """Return the likeliest delay of a comb in a passage's pattern.
 
     ``misfit``: what the evidence is divided by. ``lowest_hz``: middle of the panel's lowest
@@ -107,9 +102,7 @@ def mirror_of(
     turned = axes.astype(np.float32)
     combs = [_combs(phase, waves, bend) @ turned for phase in PHASES]
 
-    def told(
-        variance: float, comb: NDArray[np.float32]
-    ) -> tuple[FloatArray, FloatArray]:
+    def told(variance: float, comb: NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
         kept = 1.0 + variance * eigenvalue
         gain, strength = _gains(comb, eigenvalue / kept, heard / kept)
         return gain + rest(variance), strength
@@ -170,8 +163,7 @@ def _combs(
         for k, wave in zip(ORDERS, waves, strict=True)
     ]
     shapes = {
-        depth: np.tensordot([2.0 * depth**k / k for k in ORDERS], turned, 1)
-        for depth, _ in PARTS
+        depth: np.tensordot([2.0 * depth**k / k for k in ORDERS], turned, 1) for depth, _ in PARTS
     }
     found = [shapes[depth] * bend**power for depth, power in PARTS]
     return np.stack(found, 1).astype(np.float32)

@@ -96,9 +96,7 @@ def _solve(root: FloatArray, right: FloatArray, *, upper: bool = False) -> Float
     from scipy.linalg import solve_triangular
 
     return np.asarray(
-        solve_triangular(
-            root, right, lower=True, trans="T" if upper else "N", check_finite=False
-        )
+        solve_triangular(root, right, lower=True, trans="T" if upper else "N", check_finite=False)
     )
 
 
@@ -107,9 +105,7 @@ def smooth_courses(weight: FloatArray) -> FloatArray:
 
     ``weight``: precision of each cell. Shape (course, cell).
     """
-    bent = np.polynomial.legendre.legvander(
-        np.linspace(-1.0, 1.0, weight.size), ROW_ORDER
-    )
+    bent = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, weight.size), ROW_ORDER)
     unit = np.linalg.qr(bent * np.sqrt(weight)[:, None])[0]
     return np.asarray(unit.T / np.sqrt(weight))
 
@@ -270,10 +266,7 @@ class FringeModel:
     """
 
     def __init__(
-        self,
-        panel: Panel,
-        templates: Sequence[Template],
-        shape: Shape | None = None,
+        self, panel: Panel, templates: Sequence[Template], shape: Shape | None = None
     ) -> None:
         self.panel, self.templates, self.shape = panel, list(templates), shape
         self._weight = panel.precision
@@ -325,9 +318,8 @@ class FringeModel:
             whole += np.tensordot(pattern[at : at + len(own)], own, 1)
         lowest = [spline.lowest for spline in solved.splines]
         return Explained(
-            solved.log_likelihood, parts, lowest, contrast,
-            self._value - self._free(whole),
-        )  # fmt: skip
+            solved.log_likelihood, parts, lowest, contrast, self._value - self._free(whole)
+        )
 
     def _spectrum(self, passage: Hypothesis) -> FloatArray:
         """Return what a vessel's spectrum may bend rows by, shape (order, row, cell).
@@ -387,14 +379,7 @@ class FringeModel:
         """
         places = zip(passages, self.templates, strict=True)
         splines = [
-            _spline(
-                self.panel.time_s,
-                self._cells,
-                self.panel.cell,
-                t.knots,
-                p,
-                self._cells.size,
-            )
+            _spline(self.panel.time_s, self._cells, self.panel.cell, t.knots, p, self._cells.size)
             for p, t in places
         ]
         if not splines:
@@ -422,30 +407,22 @@ class FringeModel:
             value = value - SATURATION[0] * self._free(bent.saturated)
             given = given - SATURATION[0] * bent.saturated
             own = np.full(len(value), CONTRAST_STD**-2.0)
-            prior = np.concatenate(
-                [prior, own, spectrum, [SATURATION[1] ** -2.0], asked]
-            )
+            prior = np.concatenate([prior, own, spectrum, [SATURATION[1] ** -2.0], asked])
         normal, right = self._normal(splines, bent, images, value)
         right[right.size - offset.size :] += offset
         square = float((given * value * self._weight).sum())
         told, root, unknowns = self._integrated(normal, right, prior, square)
         return _Solved(told, root, unknowns, splines, bent)
 
-    def of_variances(
-        self, passage: Hypothesis, variances: Sequence[float]
-    ) -> list[float]:
+    def of_variances(self, passage: Hypothesis, variances: Sequence[float]) -> list[float]:
         """Return `log_likelihood` for some variances of the one template."""
         normal, right, _ = self.information(passage)
         return [
-            self._integrated(
-                normal.copy(), right, np.full(right.size, 1.0 / each), self._square
-            )[0]
+            self._integrated(normal.copy(), right, np.full(right.size, 1.0 / each), self._square)[0]
             for each in variances
-        ]  # fmt: skip
+        ]
 
-    def information(
-        self, passage: Hypothesis
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def information(self, passage: Hypothesis) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return what rows tell of a pattern, and the places of its coefficients, cells.
 
         The matrix of the normal equations and their right side.
@@ -472,9 +449,8 @@ class FringeModel:
         )  # fmt: skip
 
     def _integrated(
-        self, normal: FloatArray, right: FloatArray, prior: FloatArray,
-        square: float,
-    ) -> tuple[float, FloatArray, FloatArray]:  # fmt: skip
+        self, normal: FloatArray, right: FloatArray, prior: FloatArray, square: float
+    ) -> tuple[float, FloatArray, FloatArray]:
         """Return log-likelihood, root of the precision, and the likeliest unknowns.
 
         ``square``: of the values, in deviations.
@@ -488,9 +464,8 @@ class FringeModel:
         return told, root, _solve(root, half, upper=True)
 
     def _normal(
-        self, splines: list["_Spline"], bent: "_Bent | None", images: FloatArray,
-        value: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        self, splines: list["_Spline"], bent: "_Bent | None", images: FloatArray, value: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Return normal matrix and right side, free of the courses and the cells.
 
         Of all coefficients, the contrast of each row where something is ``bent``, and
@@ -572,9 +547,7 @@ class _Solved(NamedTuple):
     """What was linearised."""
 
 
-def _products(
-    index: IntArray, share: FloatArray, weighted: FloatArray, count: int
-) -> FloatArray:
+def _products(index: IntArray, share: FloatArray, weighted: FloatArray, count: int) -> FloatArray:
     """Return the products of all pairs of coefficients, summed over the cells."""
     width = share.shape[2]
     if width > FOUR.size:  # pairs of several templates are many, and mostly empty
@@ -583,17 +556,14 @@ def _products(
         ends = np.arange(0, share.size + 1, width)
         shape = (ends.size - 1, count)
         plain, own = (
-            csr_array((each.ravel(), index.ravel(), ends), shape)
-            for each in (share, weighted)
+            csr_array((each.ravel(), index.ravel(), ends), shape) for each in (share, weighted)
         )
         return np.asarray((plain.T @ own).toarray())
     found = np.zeros(count * count)
     for a in range(width):
         for b in range(a, width):
             at = (index[:, :, a] * count + index[:, :, b]).ravel()
-            both = np.bincount(
-                at, (share[:, :, a] * weighted[:, :, b]).ravel(), count * count
-            )
+            both = np.bincount(at, (share[:, :, a] * weighted[:, :, b]).ravel(), count * count)
             found += both
             if a != b:
                 found += both.reshape(count, count).T.ravel()
@@ -601,23 +571,18 @@ def _products(
 
 
 def pattern_in(
-    panel: Panel, passage: Hypothesis, template: Template, pattern: FloatArray,
-    model: Panel,
-) -> FloatArray:  # fmt: skip
+    panel: Panel, passage: Hypothesis, template: Template, pattern: FloatArray, model: Panel
+) -> FloatArray:
     """Return the pattern that was found in one panel in the cells of another.
 
     ``model``: the panel that it was found in. Shape (row, cell); nothing beyond what that
     panel has shown.
     """
     cells = np.arange(model.precision.size, dtype=float)
-    low = _spline(
-        model.time_s, cells, model.cell, template.knots, passage, cells.size
-    ).lowest
+    low = _spline(model.time_s, cells, model.cell, template.knots, passage, cells.size).lowest
     finer = panel.cell / model.cell
     places = (np.arange(panel.precision.size) + 0.5) * finer - 0.5
-    spline = _spline(
-        panel.time_s, places, model.cell, template.knots, passage, cells.size, low
-    )
+    spline = _spline(panel.time_s, places, model.cell, template.knots, passage, cells.size, low)
     padded = np.concatenate([np.zeros(8), pattern, np.zeros(8)])
     first = np.clip(spline.first + 8, 4, padded.size - 5)
     return spline._replace(first=first).values(padded)

@@ -35,12 +35,7 @@ from uwtrack_cli.motion.evidence.fringe_lines import (
     lines_gain,
 )
 from uwtrack_cli.motion.evidence.fringe_mirror import Mirror, mirror_of
-from uwtrack_cli.motion.evidence.fringe_panel import (
-    ANY_BEND,
-    FEWEST_ROWS,
-    Panel,
-    panel_of,
-)
+from uwtrack_cli.motion.evidence.fringe_panel import ANY_BEND, FEWEST_ROWS, Panel, panel_of
 from uwtrack_cli.motion.evidence.fringe_template import (
     UNKNOWNS,
     FringeModel,
@@ -121,9 +116,8 @@ class _Stack(NamedTuple):
         has_sound[row] = 1.0
         time_s = first + step_s * np.arange(count)
         return cls(
-            time_s, step_s, weighted, has_sound,
-            panel.precision.astype(np.float32), panel.cell, {},
-        )  # fmt: skip
+            time_s, step_s, weighted, has_sound, panel.precision.astype(np.float32), panel.cell, {}
+        )
 
     def gains(self, width_s: float) -> tuple[FloatArray, FloatArray]:
         """Return times, s, and what a passage of some R/v at each gains, nepers.
@@ -143,8 +137,7 @@ class _Stack(NamedTuple):
         contrast = 1.0 / (1.0 + USUAL_FADING * square)
         farthest = int(shift.max())
         size = tuple(
-            next_fast_len(each, real=True)
-            for each in (count + out + reach, n_cells + farthest)
+            next_fast_len(each, real=True) for each in (count + out + reach, n_cells + farthest)
         )
         place = np.arange(-out, count + out)
         course = np.zeros(size, np.float32)
@@ -551,9 +544,7 @@ class _Law(NamedTuple):
     def off(self, passage: Hypothesis) -> FloatArray:
         """Return by how much the mean of each is above a passage's."""
         fading = float(np.log(passage.fading))
-        own = np.array(
-            [0.0, 0.0, fading, passage.invariant, passage.mach, passage.tilt]
-        )
+        own = np.array([0.0, 0.0, fading, passage.invariant, passage.mach, passage.tilt])
         return np.where(np.isfinite(self.mean), self.mean - own, 0.0)
 
     @property
@@ -574,9 +565,7 @@ def fit_passage(
 ) -> FringePassage | None:
     """Return the passage about a proposal; None where too little of it was recorded."""
     mirror = _Law.of(evidence.mach, is_mirror=True)
-    first = Hypothesis(
-        start.time_s, start.width_s, fading=fading, mach=evidence.mach[0]
-    )
+    first = Hypothesis(start.time_s, start.width_s, fading=fading, mach=evidence.mach[0])
     told = _climbed(evidence, first, mirror)
     if told is None:
         return None
@@ -591,9 +580,8 @@ def fit_passage(
 
 
 def _climbed(
-    evidence: FringeEvidence, start: Hypothesis, law: _Law,
-    model: FringeModel | None = None,
-) -> _Fitted | None:  # fmt: skip
+    evidence: FringeEvidence, start: Hypothesis, law: _Law, model: FringeModel | None = None
+) -> _Fitted | None:
     """Return the likeliest passage near one, by the method of Gauss and Newton.
 
     ``model``: the image, which is kept; None takes rows that suit the passage.
@@ -619,9 +607,7 @@ def _climbed(
     return _fitted(here, covariance, law, rows)
 
 
-def _fitted(
-    here: Hypothesis, covariance: FloatArray, law: _Law, rows: FringeModel
-) -> _Fitted:
+def _fitted(here: Hypothesis, covariance: FloatArray, law: _Law, rows: FringeModel) -> _Fitted:
     """Return a passage with its evidence."""
     is_asked = np.diag(covariance) > 0.0
     log_det = float(np.linalg.slogdet(covariance[np.ix_(is_asked, is_asked)])[1])
@@ -690,9 +676,7 @@ def _rows_about(
 def _about(panel: Panel, template: Template, passage: Hypothesis) -> FringeModel:
     """Return the image about the likeliest pattern of a passage, as rows bend in it."""
     told = [panel._replace(bend=each) for each in BENDS]
-    panel = max(
-        told, key=lambda one: FringeModel(one, [template]).log_likelihood([passage])
-    )
+    panel = max(told, key=lambda one: FringeModel(one, [template]).log_likelihood([passage]))
     return _shaped(panel, template, passage)
 
 
@@ -714,9 +698,8 @@ def _best_template(panel: Panel, passage: Hypothesis) -> Template:
 
 
 def _likeliest_template(
-    panel: Panel, passage: Hypothesis, knots: Sequence[float],
-    variances: Sequence[float],
-) -> Template:  # fmt: skip
+    panel: Panel, passage: Hypothesis, knots: Sequence[float], variances: Sequence[float]
+) -> Template:
     told: list[tuple[float, Template]] = []
     for each in knots:
         model = FringeModel(panel, [Template(each, 1.0)])
@@ -725,9 +708,7 @@ def _likeliest_template(
     return max(told)[1]
 
 
-def _weighed(
-    evidence: FringeEvidence, mirror: _Fitted, channel: _Fitted
-) -> FringePassage:
+def _weighed(evidence: FringeEvidence, mirror: _Fitted, channel: _Fitted) -> FringePassage:
     """Weigh mirror and waveguide, and hold both against what else may be."""
     told = mirror.model.explain([mirror.passage])
     misfit = _misfit(told.residual, mirror.model.panel.precision)
@@ -746,9 +727,7 @@ def _weighed(
     # both in times of the mirror's R/v
     scale_s = mirror.passage.width_s
     ratio = channel.passage.width_s / scale_s
-    off = np.array(
-        [(channel.passage.time_s - mirror.passage.time_s) / scale_s, np.log(ratio)]
-    )
+    off = np.array([(channel.passage.time_s - mirror.passage.time_s) / scale_s, np.log(ratio)])
     units = np.array([ratio, 1.0])
     told = model.explain([found])
     misfit = _misfit(told.residual, model.panel.precision)
@@ -808,9 +787,7 @@ def in_water(one: FringePassage) -> FringePassage:
     width_s = one.passage.width_s
     channel = one.passage.changed("width_s", -CHANNEL_LONGER)
     more = np.diag([0.0, CHANNEL_WIDTH * width_s])
-    off = np.array([
-        channel.time_s - one.surface.time_s, channel.width_s - one.surface.width_s
-    ])  # fmt: skip
+    off = np.array([channel.time_s - one.surface.time_s, channel.width_s - one.surface.width_s])
     both = (1.0 - share) * one.surface_covariance + share * (one.covariance + more**2)
     return replace(
         one, covariance=both + share * (1.0 - share) * np.outer(off, off),
@@ -911,9 +888,7 @@ def _rivals(
         panel, flattened(panel), shift_of(panel.time_s, found),
         contrast_of(panel.time_s, found), max(VARIANCES),
     )  # fmt: skip
-    machine = Hypothesis(
-        0.0, 1.0, course=even, swing=(panel.time_s, swing), tilt=found.tilt
-    )
+    machine = Hypothesis(0.0, 1.0, course=even, swing=(panel.time_s, swing), tilt=found.tilt)
     # as fine as lines are, too: fringes of many images of a loud vessel are no wider
     own = _likeliest_template(panel, machine, (LINE_KNOTS, *KNOTS), VARIANCES)
     free = FringeModel(panel, [own]).log_likelihood([machine])
@@ -934,9 +909,7 @@ def _passing_outside(evidence: FringeEvidence, fitted: _Fitted) -> Iterator[Hypo
     ]  # fmt: skip
     law = _Law.of(evidence.mach, is_mirror=True)
     for one in far[:1]:
-        start = fitted.passage._replace(
-            time_s=one.time_s, width_s=one.width_s, invariant=1.0
-        )
+        start = fitted.passage._replace(time_s=one.time_s, width_s=one.width_s, invariant=1.0)
         told = _climbed(evidence, start, law, fitted.model)
         if told is not None:
             passage = told.passage
@@ -1045,9 +1018,7 @@ def fringe_passages(fringes: Fringes, mach: tuple[float, float]) -> list[FringeP
         return []
     first, last = float(time_s[0]), float(time_s[-1])
     found: list[FringePassage] = []
-    for start_s in np.arange(
-        first, max(last - 0.5 * STRETCH_S, first + 1.0), 0.5 * STRETCH_S
-    ):
+    for start_s in np.arange(first, max(last - 0.5 * STRETCH_S, first + 1.0), 0.5 * STRETCH_S):
         rows = (time_s >= start_s) & (time_s < start_s + STRETCH_S)
         part = fringes.take("row", np.flatnonzero(rows))
         middle_s = start_s + 0.5 * STRETCH_S
@@ -1129,9 +1100,7 @@ def likeliest_fit(evidence: FringeEvidence) -> FringePassage | None:
     every = evidence.proposals()
     least = max(LEAST_GAIN, ALIKE * every[0].gain) if every else LEAST_GAIN
     alike = [one for one in every if one.gain >= least]
-    inside = [
-        one for one in alike if evidence.is_inside(np.array(one.time_s), one.width_s)
-    ]
+    inside = [one for one in alike if evidence.is_inside(np.array(one.time_s), one.width_s)]
     longest = sorted(inside, key=lambda one: -one.width_s)
     starts: list[Proposal] = []
     for one in (*alike[:1], *inside[:1], *longest[:1]):

@@ -22,11 +22,7 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.estimation.least_squares import (
-    Evaluation,
-    damped_least_squares,
-    inverse_or_nan,
-)
+from uwtrack_cli.estimation.least_squares import Evaluation, damped_least_squares, inverse_or_nan
 
 
 @dataclass(frozen=True)
@@ -80,9 +76,7 @@ class MotionFit:
     """Measured values less four."""
 
 
-def fit_motion(
-    approaches: Approaches, start: FloatArray, reference_s: float
-) -> MotionFit:
+def fit_motion(approaches: Approaches, start: FloatArray, reference_s: float) -> MotionFit:
     """Fit a straight motion, shape (4,) at the reference time, from every start."""
 
     def evaluate(state: FloatArray, _: IntArray) -> Evaluation:
@@ -125,13 +119,7 @@ def predict_approaches(
     course = np.arctan2(vel[..., 0], vel[..., 1])
     bearing = course + np.where(miss >= 0, 0.5, -0.5) * np.pi
     predicted = np.stack(
-        [
-            reference_s + lag + slant * approaches.delay,
-            slant / speed,
-            speed,
-            bearing,
-        ],
-        axis=-1,
+        [reference_s + lag + slant * approaches.delay, slant / speed, speed, bearing], axis=-1
     )
     slope = _slopes(rel, vel, speed, ahead, (lag, miss, slant, approaches.delay))
     return predicted, slope
@@ -153,9 +141,7 @@ def _slopes(
     share = (miss / np.maximum(slant, 1e-12))[..., None]
     slope = np.zeros((*rel.shape[:-1], 4, 4))
     slope[..., 0, :2] = -vel / square + share * ahead * delay[:, None]
-    slope[..., 0, 2:] = (
-        -(rel + 2 * lag[..., None] * vel) / square + share * miss_v * delay[:, None]
-    )
+    slope[..., 0, 2:] = -(rel + 2 * lag[..., None] * vel) / square + share * miss_v * delay[:, None]
     slope[..., 1, :2] = share * ahead / speed[..., None]
     slope[..., 1, 2:] = share * miss_v / speed[..., None] - slant[..., None] * vel / (
         square * speed[..., None]
@@ -181,10 +167,7 @@ def _information(approaches: Approaches, slope: FloatArray) -> FloatArray:
 
 
 def clock_errors(
-    approaches: Approaches,
-    state: FloatArray,
-    reference_s: float,
-    clock_std_s: FloatArray,
+    approaches: Approaches, state: FloatArray, reference_s: float, clock_std_s: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Estimate the clock error of every row from a fitted motion, with its covariance.
 
@@ -198,9 +181,7 @@ def clock_errors(
     """
     predicted, slope = predict_approaches(state[None], approaches, reference_s)
     information = _information(approaches, slope)[0]
-    residual = np.where(
-        np.isfinite(approaches.measured), approaches.measured - predicted[0], 0.0
-    )
+    residual = np.where(np.isfinite(approaches.measured), approaches.measured - predicted[0], 0.0)
     residual[:, 3] = wrap_rad(residual[:, 3])
     weighted = information @ slope[0]
     cross = inverse_or_nan(np.einsum("mip,miq->pq", slope[0], weighted)[None])[0]
@@ -213,9 +194,7 @@ def clock_errors(
     return offset, spread
 
 
-def speed_from_two(
-    sensor: FloatArray, time_s: FloatArray, miss: FloatArray
-) -> FloatArray:
+def speed_from_two(sensor: FloatArray, time_s: FloatArray, miss: FloatArray) -> FloatArray:
     """Return the speed from two closest approaches without Doppler, nan if none.
 
     Of positions of the sensors, m, and range over speed times the unit vector of the
@@ -285,9 +264,7 @@ def _speeds(approaches: Approaches) -> FloatArray:
         base = float(np.hypot(*(np.diff(approaches.sensor[rows], axis=0)[0])))
         if base == 0:
             continue
-        quadratic = float(
-            speed_from_two(approaches.sensor[rows], time[rows], vector[rows])
-        )
+        quadratic = float(speed_from_two(approaches.sensor[rows], time[rows], vector[rows]))
         apart = abs(float(np.diff(time[rows])[0])) + float(width[rows].sum())
         rough = base / max(apart, 1e-9)
         speeds += [quadratic] if quadratic > 0 else [rough, 3 * rough, 0.3 * rough]
@@ -312,6 +289,4 @@ def _states(
     if approaches.velocity_mps is not None:
         velocity = velocity + approaches.velocity_mps[row]
     nearest = approaches.sensor[row] + flat[:, None] * out
-    return np.concatenate(
-        [nearest + velocity * (reference_s - time), velocity], axis=-1
-    )
+    return np.concatenate([nearest + velocity * (reference_s - time), velocity], axis=-1)

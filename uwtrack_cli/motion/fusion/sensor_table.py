@@ -119,8 +119,7 @@ def make_grid(sensors: list[Sensor], wanted: set[str]) -> Grid:
     if all(s.latitude is not None and s.longitude is not None for s in used):
         origin = Origin(float(used[0].latitude or 0), float(used[0].longitude or 0))
         place = {
-            s.id: to_grid(float(s.latitude or 0), float(s.longitude or 0), origin)
-            for s in used
+            s.id: to_grid(float(s.latitude or 0), float(s.longitude or 0), origin) for s in used
         }
         return Grid(f"sensor {used[0].id}", origin, place)
     if all(s.east_m is not None and s.north_m is not None for s in used):
@@ -141,9 +140,7 @@ def _at_origin(sensor: Sensor) -> Sensor:
     if navigation.origin_latitude is None:
         return replace(sensor, east_m=0.0, north_m=0.0)
     return replace(
-        sensor,
-        latitude=navigation.origin_latitude,
-        longitude=navigation.origin_longitude,
+        sensor, latitude=navigation.origin_latitude, longitude=navigation.origin_longitude
     )
 
 
@@ -229,10 +226,9 @@ def _clock_deviations(known: dict[str, Sensor], names: list[str]) -> FloatArray:
     if len(set(names)) < 2:
         stated = [known[name].clock_std_s if name in known else None for name in names]
         return np.array([std or 0.0 for std in stated])
-    return np.array([
-        CLOCK_STD_S if (std := known[name].clock_std_s) is None else std
-        for name in names
-    ])  # fmt: skip
+    return np.array(
+        [CLOCK_STD_S if (std := known[name].clock_std_s) is None else std for name in names]
+    )
 
 
 def _other_turn(encounters: Encounters, row: int) -> float:
@@ -265,10 +261,7 @@ def _start_utc_ns(encounters: list[Encounters]) -> int | None:
 
 
 def _approach(
-    item: Encounters,
-    row: int,
-    known: dict[str, Sensor],
-    common: tuple[Grid, int | None, float],
+    item: Encounters, row: int, known: dict[str, Sensor], common: tuple[Grid, int | None, float]
 ) -> Approaches:
     grid, start, clock_std_s = common
     name = str(item.sensor[row])
@@ -289,9 +282,9 @@ def _approach(
     velocity: FloatArray = np.zeros(2)
     if _is_moving(item, row):
         place = place + _values(row, item.sensor_east_m, item.sensor_north_m)
-        velocity = np.array(_values(
-            row, item.sensor_velocity_east_mps, item.sensor_velocity_north_mps
-        ))  # fmt: skip
+        velocity = np.array(
+            _values(row, item.sensor_velocity_east_mps, item.sensor_velocity_north_mps)
+        )
         course = np.deg2rad(item.course_deg[row])
         ground = speed * np.array([np.sin(course), np.cos(course)])
         speed = float(np.hypot(*(ground - velocity)))
@@ -406,7 +399,4 @@ def _way_of(sensor: Sensor, heard: Series) -> tuple[FloatArray, FloatArray]:
     time = way.time_s
     if way.start_utc_ns is not None and heard.start_utc_ns is not None:
         time = time + (way.start_utc_ns - heard.start_utc_ns) / NANOSECONDS
-    return (
-        np.interp(heard.time_s, time, way.east_m),
-        np.interp(heard.time_s, time, way.north_m),
-    )
+    return (np.interp(heard.time_s, time, way.east_m), np.interp(heard.time_s, time, way.north_m))

@@ -117,10 +117,7 @@ def fit_time_differences(delays: Delays, sensor: Sensor) -> list[SourceWay]:
     ways = _fitted(heard, nuisance_std)
     back = np.eye(4)
     back[:2, 2:] -= middle_s * np.eye(2)  # from the middle to time zero
-    return [
-        SourceWay(back @ way.state, back @ way.covariance @ back.T, way.weight)
-        for way in ways
-    ]
+    return [SourceWay(back @ way.state, back @ way.covariance @ back.T, way.weight) for way in ways]
 
 
 def _slowness_std(sensor: Sensor) -> float:
@@ -140,9 +137,7 @@ def _clock_stds(delays: Delays, heard: _Heard) -> FloatArray:
     if delays.clock_std_s is None:
         return np.zeros(count)
     told = np.nan_to_num(delays.clock_std_s, nan=np.sqrt(2.0) * CLOCK_STD_S)
-    pairs, row = np.unique(
-        np.stack([heard.first, heard.second]), axis=1, return_index=True
-    )
+    pairs, row = np.unique(np.stack([heard.first, heard.second]), axis=1, return_index=True)
     matrix = np.zeros((row.size, count))
     matrix[np.arange(row.size), pairs[0]] = 1.0
     matrix[np.arange(row.size), pairs[1]] = 1.0
@@ -210,9 +205,7 @@ def _fitted(heard: _Heard, nuisance_std: FloatArray) -> list[SourceWay]:
     weight = np.exp([one[0] for one in kept])
     return [
         SourceWay(state, covariance, float(share))
-        for (_, state, covariance), share in zip(
-            kept, weight / weight.sum(), strict=True
-        )
+        for (_, state, covariance), share in zip(kept, weight / weight.sum(), strict=True)
     ]
 
 

@@ -64,18 +64,12 @@ def find_modes(passages: Passages, members: tuple[int, ...]) -> list[Mode]:
     order = [int(n) for n in np.argsort(fit.chi_square) if good[n]]
     kept: list[int] = []
     for row in order:
-        if fit.chi_square[row] - fit.chi_square[order[0]] > -2 * np.log(
-            SMALLEST_WEIGHT
-        ):
+        if fit.chi_square[row] - fit.chi_square[order[0]] > -2 * np.log(SMALLEST_WEIGHT):
             break
-        if all(
-            _is_apart(fit.state[row], fit.state[k], fit.covariance[k]) for k in kept
-        ):
+        if all(_is_apart(fit.state[row], fit.state[k], fit.covariance[k]) for k in kept):
             kept.append(row)
     likelihood = (
-        np.exp(-0.5 * (fit.chi_square[kept] - fit.chi_square[order[0]]))
-        if (kept)
-        else np.empty(0)
+        np.exp(-0.5 * (fit.chi_square[kept] - fit.chi_square[order[0]])) if (kept) else np.empty(0)
     )
     return [
         Mode(
@@ -92,9 +86,7 @@ def _is_apart(state: FloatArray, other: FloatArray, covariance: FloatArray) -> b
     return distance > 1.0
 
 
-def group_encounters(
-    passages: Passages, gate_probability: float
-) -> list[tuple[int, ...]]:
+def group_encounters(passages: Passages, gate_probability: float) -> list[tuple[int, ...]]:
     """Join the encounters of one vessel, which pass the gate with a probability."""
     groups: list[tuple[int, ...]] = [(row,) for row in range(len(passages.contact))]
     while True:
@@ -153,10 +145,7 @@ def _passes(passages: Passages, members: tuple[int, ...], probability: float) ->
 
 
 def _mix(
-    modes: list[Mode],
-    rivals: list[Mode],
-    chosen: list[Mode],
-    group: tuple[int, ...],
+    modes: list[Mode], rivals: list[Mode], chosen: list[Mode], group: tuple[int, ...]
 ) -> list[Mode]:
     """Weigh the rival pairing against the chosen one by their likelihoods."""
     if not rivals or not chosen:
@@ -169,9 +158,7 @@ def _mix(
     return kept + [replace(mode, weight=mode.weight * share) for mode in rivals]
 
 
-def joint_probability(
-    passages: Passages, first: tuple[int, ...], second: tuple[int, ...]
-) -> float:
+def joint_probability(passages: Passages, first: tuple[int, ...], second: tuple[int, ...]) -> float:
     """Return the tail probability that two groups are one vessel; 0 if impossible."""
     from scipy.special import chdtrc
 
@@ -190,9 +177,7 @@ def joint_probability(
     return float(chdtrc(freedom, modes[0].chi_square))
 
 
-def _frequencies_agree(
-    passages: Passages, first: tuple[int, ...], second: tuple[int, ...]
-) -> bool:
+def _frequencies_agree(passages: Passages, first: tuple[int, ...], second: tuple[int, ...]) -> bool:
     """Return whether at least half of the shorter list of lines has a partner."""
     ours = np.concatenate([passages.rest[row] for row in first])
     theirs = np.concatenate([passages.rest[row] for row in second])

@@ -25,17 +25,8 @@ from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.estimation.least_squares import (
-    Evaluation,
-    damped_least_squares,
-    inverse_or_nan,
-)
-from uwtrack_cli.estimation.robust import (
-    CONSTANT,
-    bisquare_weight,
-    median_scale,
-    neighbour_scale,
-)
+from uwtrack_cli.estimation.least_squares import Evaluation, damped_least_squares, inverse_or_nan
+from uwtrack_cli.estimation.robust import CONSTANT, bisquare_weight, median_scale, neighbour_scale
 
 N_COMMON = 4
 """Unknowns common to all: background, law of spreading, and the steady intensity, north
@@ -182,9 +173,7 @@ def sum_residuals(
     whole = flow + vector.sum(axis=1)
     size = np.maximum(np.abs(whole) ** 2, 1e-300)
     turned = wrap_rad(np.nan_to_num(sound.bearing) - np.angle(whole))
-    residual = np.concatenate(
-        [np.nan_to_num(sound.power) - np.log(total), turned], axis=1
-    )
+    residual = np.concatenate([np.nan_to_num(sound.power) - np.log(total), turned], axis=1)
     slope = np.zeros((batch, 2 * n, theta.shape[1]))
     to_angle = whole.conj() / size
     slope[:, :n, 0] = -background / total
@@ -320,9 +309,7 @@ def fit_sources(
         residual = sum_residuals(theta, turn, sound, known)[0]
         weight = _weights(residual, precision)
 
-        def evaluate(
-            theta: FloatArray, _: IntArray, weight: FloatArray = weight
-        ) -> Evaluation:
+        def evaluate(theta: FloatArray, _: IntArray, weight: FloatArray = weight) -> Evaluation:
             residual, slope = sum_residuals(theta, turn, sound, known)
             weighted = weight[..., None] * slope
             gradient = np.einsum("bnp,bn->bp", weighted, residual)
@@ -350,9 +337,7 @@ WIDENED = [N_COMMON, N_COMMON + 1, N_COMMON + 3]
 """Places of time, ln of d/v and bearing behind the common unknowns."""
 
 
-def _prior(
-    sound: BroadbandSeries, known: KnownSources
-) -> tuple[FloatArray, FloatArray]:
+def _prior(sound: BroadbandSeries, known: KnownSources) -> tuple[FloatArray, FloatArray]:
     """Return middle and precision of what is common and of the sources that are known."""
     count = known.spread.shape[0]
     middle = np.zeros(N_COMMON + N_EACH * count)
@@ -367,9 +352,7 @@ def _prior(
     return middle, precision
 
 
-def widening(
-    sources: SourceFit, sound: BroadbandSeries, known: KnownSources
-) -> FloatArray:
+def widening(sources: SourceFit, sound: BroadbandSeries, known: KnownSources) -> FloatArray:
     """Return how much the other sources widen (t, ln d/v, bearing) of each free one.
 
     Parameters
@@ -386,9 +369,7 @@ def widening(
     FloatArray
         Factors of the deviations, shape (k, 3), one or more.
     """
-    residual, slope = sum_residuals(
-        sources.theta[None], sources.turn[None], sound, known
-    )
+    residual, slope = sum_residuals(sources.theta[None], sources.turn[None], sound, known)
     precision = _precision(sound)
     weight = _weights(residual, precision)
     matrix: FloatArray = (np.swapaxes(weight[..., None] * slope, 1, 2) @ slope)[0]
@@ -453,9 +434,7 @@ def _unexplained(
     """Levels over what is explained; directions of the intensity that is not."""
     measured = np.maximum(np.exp(sound.power) - background, 0.0)
     vector = measured * np.exp(1j * sound.bearing) - whole
-    error = np.hypot(
-        measured * sound.bearing_std, np.exp(sound.power) * sound.power_std
-    )
+    error = np.hypot(measured * sound.bearing_std, np.exp(sound.power) * sound.power_std)
     std = error / np.maximum(np.abs(vector), 1e-300)
     return BroadbandSeries(
         sound.time_s,

@@ -78,11 +78,7 @@ from uwtrack_cli.motion.passage.readings.competing_readings import (
     try_readings,
     weigh_readings,
 )
-from uwtrack_cli.motion.passage.same_machine import (
-    contact_ends,
-    is_next_gear,
-    is_of_comb,
-)
+from uwtrack_cli.motion.passage.same_machine import contact_ends, is_next_gear, is_of_comb
 
 FEWEST_MEASUREMENTS = 8
 """Instants with a measurement below which nothing is fitted."""
@@ -267,9 +263,8 @@ def fit_contact(
     """
     owner = contacts, line_ids
     return attempted(
-        lambda: _fit_alone(data, owner, medium, false_alarm_probability),
-        contacts, data.time_s,
-    )  # fmt: skip
+        lambda: _fit_alone(data, owner, medium, false_alarm_probability), contacts, data.time_s
+    )
 
 
 def _fit_alone(
@@ -290,14 +285,11 @@ def _fit_alone(
     if rough is None:
         return _nowhere(owner[0], blocks, medium)
     return _fit_from(
-        thinned, owner, (rough.theta, rough.turn), medium,
-        false_alarm_probability, other,
-    )  # fmt: skip
+        thinned, owner, (rough.theta, rough.turn), medium, false_alarm_probability, other
+    )
 
 
-def _nowhere(
-    contacts: tuple[int, ...], blocks: Blocks, medium: Medium
-) -> Unclaimed | None:
+def _nowhere(contacts: tuple[int, ...], blocks: Blocks, medium: Medium) -> Unclaimed | None:
     """Fit what has no start of a passage at all, for the noise in which it is read."""
     span_s = float(np.ptp(blocks.time_s))
     speed_mps = 0.0 if blocks.shift.is_empty else VESSEL_MPS
@@ -339,11 +331,11 @@ def examine_from(
     """
     found = attempted(
         lambda: _fit_from(
-            data, owner, start, medium, false_alarm_probability, other_turn,
-            is_shown=is_shown,
+            data, owner, start, medium, false_alarm_probability, other_turn, is_shown=is_shown
         ),
-        owner[0], data.time_s,
-    )  # fmt: skip
+        owner[0],
+        data.time_s,
+    )
     return found if isinstance(found, CandidatePassage) else None
 
 
@@ -385,9 +377,7 @@ def _fit_from(
         fit, reading = weigh_readings(tried, blocks)
         if fit.change is None:
             return Unclaimed(owner[0], straight, blocks, tried)
-        likelihood_ratio = passage_likelihood_ratio(
-            fit, blocks, false_alarm_probability
-        )
+        likelihood_ratio = passage_likelihood_ratio(fit, blocks, false_alarm_probability)
         if not (likelihood_ratio.is_passage and _is_resolved(fit, blocks, data)):
             return Unclaimed(owner[0], straight, blocks, tried)
     return CandidatePassage(
@@ -453,9 +443,7 @@ def best_start(blocks: Blocks, medium: Medium) -> tuple[PassageFit | None, float
     fixed = replace(medium, height_std_m=0.0)
     if not starts.turn.size:
         return None, 0.0
-    fits = fit_passage(
-        blocks, starts.theta, starts.turn, fixed, with_coloured_noise=False
-    )
+    fits = fit_passage(blocks, starts.theta, starts.turn, fixed, with_coloured_noise=False)
     sane = np.isfinite(fits.cost)
     if not blocks.shift.is_empty:
         sane &= fits.theta[:, 2] > 0
@@ -510,9 +498,7 @@ def examine_contacts(
         still += one.read() if isinstance(one, Unclaimed) else []
     of_gears = _of_gears(alone, lines, of)
     told = {contact for item in of_gears for contact in item.contacts}
-    found = [
-        item for contact, item in alone.items() if item and contact not in told
-    ]  # fmt: skip
+    found = [item for contact, item in alone.items() if item and contact not in told]
     still = [one for one in still if one.contact not in told]
     return _merge(found + of_gears, of), still
 
@@ -538,23 +524,17 @@ def _of_gears(
     chains: list[tuple[int, ...]] = []
     for contact in silent:
         own = ends[contact]
-        last = next(
-            (c for c in chains if is_next_gear(ends[c[-1]], own, limits.window_s)), None
-        )
+        last = next((c for c in chains if is_next_gear(ends[c[-1]], own, limits.window_s)), None)
         if last is None:
             chains.append((contact,))
         else:
             chains[chains.index(last)] = (*last, contact)
     made = [of(chain) for chain in chains if len(chain) > 1]
-    return [
-        item for item in made
-        if item and has_closest_approach(item.fit, item.blocks, limits)
-    ]  # fmt: skip
+    return [item for item in made if item and has_closest_approach(item.fit, item.blocks, limits)]
 
 
 def _merge(
-    found: list[CandidatePassage],
-    of: Callable[[tuple[int, ...]], CandidatePassage | None],
+    found: list[CandidatePassage], of: Callable[[tuple[int, ...]], CandidatePassage | None]
 ) -> list[CandidatePassage]:
     """Join contacts that agree with the motion of a stronger one.
 
@@ -571,17 +551,13 @@ def _merge(
             or (_is_of_comb(item, leader) and _loss(item, leader) < DISAGREEMENT)
             for item in left
         ]
-        rivals = [
-            item for item, is_like in zip(left, alike, strict=True) if not is_like
-        ]
+        rivals = [item for item, is_like in zip(left, alike, strict=True) if not is_like]
         same = [
             item for item, is_like in zip(left, alike, strict=True)
             if is_like and not _suits_better(item, leader, rivals)
         ]  # fmt: skip
         if same:
-            contacts = tuple(
-                number for item in (leader, *same) for number in item.contacts
-            )
+            contacts = tuple(number for item in (leader, *same) for number in item.contacts)
             leader = of(contacts) or leader
             left = [item for item in left if item not in same]
         kept.append(leader)
@@ -590,9 +566,7 @@ def _merge(
 
 def _is_of_comb(item: CandidatePassage, leader: CandidatePassage) -> bool:
     one, other = leader.fit, item.fit
-    return is_of_comb(
-        one.rest_hz[0], one.rest_std_hz[0], other.rest_hz[0], other.rest_std_hz[0]
-    )
+    return is_of_comb(one.rest_hz[0], one.rest_std_hz[0], other.rest_hz[0], other.rest_std_hz[0])
 
 
 def _suits_better(
@@ -610,9 +584,7 @@ Join = Callable[[CandidatePassage, CandidatePassage], CandidatePassage | None]
 """Fits the lines of two candidates together, and checks them; None without a passage."""
 
 
-def tell_once(
-    found: list[CandidatePassage], join: Join | None = None
-) -> list[CandidatePassage]:
+def tell_once(found: list[CandidatePassage], join: Join | None = None) -> list[CandidatePassage]:
     """Return the candidates, one for those that claim the same passage.
 
     Lines of one vessel that were followed in their own ways may not agree by their
@@ -708,9 +680,7 @@ class RecordingSpan:
     """Last instant, s."""
 
 
-def has_closest_approach(
-    fit: PassageFit, blocks: Blocks, limits: RecordingSpan
-) -> bool:
+def has_closest_approach(fit: PassageFit, blocks: Blocks, limits: RecordingSpan) -> bool:
     """Return whether time and width of a fit are rather those of a passage than of the ends.
 
     A quick look during the search; whether a vessel passes is for `decision`.
@@ -789,9 +759,7 @@ def split(
     if count < 2 * FEWEST_LINES or own_motion_gain(candidate).max() < SUSPICION:
         return [candidate]
     owner = candidate.contacts, candidate.line_ids
-    return take_apart(candidate.data, owner, medium, false_alarm_probability) or [
-        candidate
-    ]
+    return take_apart(candidate.data, owner, medium, false_alarm_probability) or [candidate]
 
 
 def take_apart(
@@ -867,9 +835,7 @@ def _centred(value: FloatArray, weight: FloatArray) -> FloatArray:
     return centred
 
 
-def _projected(
-    residual: FloatArray, weight: FloatArray, slope: FloatArray
-) -> FloatArray:
+def _projected(residual: FloatArray, weight: FloatArray, slope: FloatArray) -> FloatArray:
     """Half the square of every row's residuals along a constant and the partials."""
     design = np.column_stack([np.ones(slope.shape[0]), slope])
     design = design / np.sqrt((design**2).sum(axis=0))
@@ -882,10 +848,7 @@ def _projected(
 
 
 def _groups(
-    data: PassageData,
-    owner: tuple[tuple[int, ...], IntArray],
-    medium: Medium,
-    probability: float,
+    data: PassageData, owner: tuple[tuple[int, ...], IntArray], medium: Medium, probability: float
 ) -> list[CandidatePassage]:
     """Fit each line alone, and together again those that agree; strongest first.
 
@@ -910,9 +873,8 @@ def _groups(
         if len(groups) == len(former) and all(map(np.array_equal, groups, former)):
             break
         joint = [
-            _of_rows(data, owner, group, medium, probability)
-            for group in groups if group.size
-        ]  # fmt: skip
+            _of_rows(data, owner, group, medium, probability) for group in groups if group.size
+        ]
         former = [group for group in groups if group.size]
         former = [group for group, item in zip(former, joint, strict=True) if item]
         leaders = [item for item in joint if item is not None]

@@ -31,10 +31,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geometry import (
-    course_deg,
-    side_of_vessel,
-)
+from uwtrack_cli.acoustics.geometry import course_deg, side_of_vessel
 from uwtrack_cli.acoustics.medium import WATER_MPS, spreading_loss_db
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, IntArray, flatten, reason_columns
@@ -56,11 +53,7 @@ from uwtrack_cli.motion.decision import (
 )
 from uwtrack_cli.motion.passage.candidates import CandidatePassage, Still
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
-from uwtrack_cli.motion.passage.fit.nuisances import (
-    NuisanceEstimate,
-    NuisancePriors,
-    marginalise,
-)
+from uwtrack_cli.motion.passage.fit.nuisances import NuisanceEstimate, NuisancePriors, marginalise
 from uwtrack_cli.motion.passage.fit.source_patterns import LAW_SHARE
 from uwtrack_cli.motion.passage.model.moving_sensor import (
     AT_REST_MPS,
@@ -71,11 +64,7 @@ from uwtrack_cli.motion.passage.model.moving_sensor import (
     sensor_motion,
 )
 from uwtrack_cli.motion.passage.model.unknowns import CHANGED, RAMP, STEP, TURN
-from uwtrack_cli.motion.passage.readings.change_priors import (
-    STRAIGHT,
-    VESSEL_MPS,
-    VESSEL_STD_MPS,
-)
+from uwtrack_cli.motion.passage.readings.change_priors import STRAIGHT, VESSEL_MPS, VESSEL_STD_MPS
 
 OK, EXTRAPOLATED, LEVEL_ONLY = "ok", "extrapolated", "level-only"
 NO_SPEED = "no-speed"
@@ -161,9 +150,7 @@ class Row:
     """Contact number, from 1."""
     status: str
     """'ok', 'extrapolated', 'level-only' or 'no-speed'."""
-    values: dict[str, float] = field(
-        default_factory=lambda: dict.fromkeys(VALUES, float("nan"))
-    )
+    values: dict[str, float] = field(default_factory=lambda: dict.fromkeys(VALUES, float("nan")))
     """Numbers by column of Encounters; nan is unknown."""
     covariance: FloatArray = field(default_factory=lambda: np.full((4, 4), np.nan))
     """Of time (s), range over speed (s), speed (m/s) and bearing (degrees), shape
@@ -178,9 +165,7 @@ class Row:
     """Why a value is missing, by column."""
     rest: list[tuple[int, float, float]] = field(default_factory=list)
     """Line, rest frequency (Hz) and deviation (Hz) of every line."""
-    horizontal_covariance: FloatArray = field(
-        default_factory=lambda: np.full((4, 4), np.nan)
-    )
+    horizontal_covariance: FloatArray = field(default_factory=lambda: np.full((4, 4), np.nan))
     """As the covariance, of the horizontal range over speed."""
     nuisances: list[NuisanceEstimate] = field(default_factory=list)
     """Depths, sound speed and compass after the fit."""
@@ -203,9 +188,7 @@ class Row:
             self.reasons.setdefault(name, reason)
 
 
-def passage_row(
-    contact: int, fit: PassageFit, context: CpaContext, line_ids: IntArray
-) -> Row:
+def passage_row(contact: int, fit: PassageFit, context: CpaContext, line_ids: IntArray) -> Row:
     """Fill a row from the fit of a passage.
 
     Parameters
@@ -295,9 +278,7 @@ def _add_other_course(
         return
     # away from the sensor is to port of the course if the sensor is to starboard
     turn, v = float(fit.turn[0]), row.values
-    v["other_leg_course_deg"] = float(
-        (v["course_deg"] - turn * np.rad2deg(angle_rad)) % 360.0
-    )
+    v["other_leg_course_deg"] = float((v["course_deg"] - turn * np.rad2deg(angle_rad)) % 360.0)
     gradient = np.zeros(fit.full_covariance.shape[1])
     for place, slope in slopes.items():
         gradient[place] = -turn * np.rad2deg(slope)
@@ -335,9 +316,7 @@ def _add_law(row: Row) -> None:
     row.values["range_over_speed_std_s"] = float(np.sqrt(row.covariance[1, 1]))
 
 
-def _add_speed(
-    row: Row, fit: PassageFit, context: CpaContext, line_ids: IntArray
-) -> None:
+def _add_speed(row: Row, fit: PassageFit, context: CpaContext, line_ids: IntArray) -> None:
     keys = (
         "speed_mps", "slant_range_m", "horizontal_range_m",
         "horizontal_range_over_speed_s", "source_level_db",
@@ -356,9 +335,7 @@ def _add_speed(
         _forget_speed(row, "the lines show no Doppler shift beyond their noise", *keys)
         return
     row.values["speed_mps"], row.values["speed_std_mps"] = speed, deviation
-    for line, rest, std in zip(
-        line_ids, fit.rest_hz[0], fit.rest_std_hz[0], strict=True
-    ):
+    for line, rest, std in zip(line_ids, fit.rest_hz[0], fit.rest_std_hz[0], strict=True):
         if np.isfinite(std):
             row.rest.append((int(line), float(rest), float(std)))
     gradient = np.array([speed, width])
@@ -404,9 +381,7 @@ def _add_direction(row: Row, fit: PassageFit, context: CpaContext) -> None:
     bearing = float(fit.bearing_deg[0])
     row.values["bearing_deg"] = bearing
     row.values["course_deg"] = float(course_deg(bearing, turn))
-    row.values["bearing_std_deg"] = row.values["course_std_deg"] = float(
-        np.sqrt(variance)
-    )
+    row.values["bearing_std_deg"] = row.values["course_std_deg"] = float(np.sqrt(variance))
     row.side = side_of_vessel(turn)
 
 
@@ -428,9 +403,7 @@ def add_sensor_motion(row: Row, context: CpaContext) -> Rejection | None:
     navigation, v = context.sensor.navigation, row.values
     if navigation is None:
         return None
-    motion = sensor_motion(
-        navigation, context.start_utc_ns, v["time_s"], v["range_over_speed_s"]
-    )
+    motion = sensor_motion(navigation, context.start_utc_ns, v["time_s"], v["range_over_speed_s"])
     speed = v["speed_mps"]
     range_m = v["range_over_speed_s"] * speed if np.isfinite(speed) else 0.0
     if motion.departure_m > max(LARGEST_SHARE * range_m, LARGEST_M):
@@ -446,9 +419,8 @@ def add_sensor_motion(row: Row, context: CpaContext) -> Rejection | None:
         row.explain("the sensor moves and no speed is known", "course_deg", "side")
         return None
     ground = over_ground(
-        speed, v["course_deg"], v["bearing_deg"], row.covariance[2:, 2:],
-        motion.velocity_mps,
-    )  # fmt: skip
+        speed, v["course_deg"], v["bearing_deg"], row.covariance[2:, 2:], motion.velocity_mps
+    )
     v["speed_mps"], v["speed_std_mps"] = ground.speed_mps, ground.speed_std_mps
     v["course_deg"], v["course_std_deg"] = ground.course_deg, ground.course_std_deg
     if np.isfinite(v["other_leg_speed_mps"]):
@@ -517,9 +489,7 @@ def still_contact(still: Still) -> Refusal:
     )  # fmt: skip
 
 
-def make_encounters(
-    rows: list[Row], refusals: list[Refusal], context: CpaContext
-) -> Encounters:
+def make_encounters(rows: list[Row], refusals: list[Refusal], context: CpaContext) -> Encounters:
     """Gather the rows into the container.
 
     Parameters
@@ -534,10 +504,9 @@ def make_encounters(
     start = context.start_utc_ns
     times = np.array([row.values["time_s"] for row in rows])
     utc = [
-        -1 if start is None or not np.isfinite(time)
-        else start + round(float(time) * NANOSECONDS)
+        -1 if start is None or not np.isfinite(time) else start + round(float(time) * NANOSECONDS)
         for time in times
-    ]  # fmt: skip
+    ]
     rest = [(n, *item) for n, row in enumerate(rows) for item in row.rest]
     table = np.array(rest, float).reshape(len(rest), 4)
     owner, other_sides = flatten(row.other_sides for row in rows)
@@ -559,9 +528,7 @@ def make_encounters(
         side=np.array([row.side for row in rows], dtype=np.str_),
         probability=np.array([one.probability for one in decisions], float),
         alternative=np.array([one.alternative for one in decisions], np.str_),
-        alternative_probability=np.array(
-            [one.alternative_probability for one in decisions], float
-        ),
+        alternative_probability=np.array([one.alternative_probability for one in decisions], float),
         evidence_encounter=weighed,
         evidence_alternative=np.array([code for code, _ in nepers], np.str_),
         evidence_nepers=np.array([value for _, value in nepers], float),
@@ -571,9 +538,9 @@ def make_encounters(
         sound_speed_mps=np.full(len(rows), context.sound_speed_mps),
         extrapolated=np.array([row.extrapolated for row in rows], np.bool_),
         covariance=np.array([row.covariance for row in rows]).reshape(-1, 4, 4),
-        horizontal_covariance=np.array(
-            [row.horizontal_covariance for row in rows]
-        ).reshape(-1, 4, 4),
+        horizontal_covariance=np.array([row.horizontal_covariance for row in rows]).reshape(
+            -1, 4, 4
+        ),
         sensor_east_m=moved[:, 0],
         sensor_north_m=moved[:, 1],
         sensor_velocity_east_mps=moved[:, 2],
@@ -598,12 +565,8 @@ def make_encounters(
         refused_code=np.array([one.reason.code for one in refusals], np.str_),
         refused_probability=np.array([one.probability for one in refusals], float),
         refused_motion_model=np.array([one.reading for one in refusals], dtype=np.str_),
-        refused_motion_model_probability=np.array(
-            [one.weight for one in refusals], float
-        ),
-        refused_alternative_motion_model=np.array(
-            [one.rival for one in refusals], dtype=np.str_
-        ),
+        refused_motion_model_probability=np.array([one.weight for one in refusals], float),
+        refused_alternative_motion_model=np.array([one.rival for one in refusals], dtype=np.str_),
         refused_alternative_motion_model_probability=np.array(
             [one.rival_weight for one in refusals], float
         ),
@@ -664,9 +627,7 @@ def add_levels(
             near = np.abs(time - middle_s[k]) <= reach_s
             lag_s = np.abs(middle_s - middle_s[k])
             own = np.flatnonzero(lag_s <= reach_s + FAR_WIDTHS * width_s)
-            part = _levels_of(
-                level_db[near], time[near], [fits[j] for j in own], width_s[own]
-            )
+            part = _levels_of(level_db[near], time[near], [fits[j] for j in own], width_s[own])
             found[:, k] = part[:, own == k][:, 0]
     for row, level, std in zip(rows, *found, strict=True):
         if not std < LARGEST_LEVEL_STD_DB:
@@ -678,10 +639,7 @@ def add_levels(
 
 
 def _levels_of(
-    level_db: FloatArray,
-    time_s: FloatArray,
-    fits: Sequence[PassageFit],
-    width_s: FloatArray,
+    level_db: FloatArray, time_s: FloatArray, fits: Sequence[PassageFit], width_s: FloatArray
 ) -> FloatArray:
     """Return levels at closest approach and deviations, shape (2, fit)."""
     spread = np.empty((len(fits), time_s.size))
@@ -742,10 +700,7 @@ def _fit_levels(
     residual = level - _level_model(theta, spread)[0]
     precision = weight / scale**2
     excess = long_run_excess(
-        residual[None],
-        precision[None],
-        time,
-        max(1.5 * width_s, float(np.ptp(time)) / 50),
+        residual[None], precision[None], time, max(1.5 * width_s, float(np.ptp(time)) / 50)
     )
     weight = precision / (1 + excess[0] * precision)
     normal = slope.T @ (weight[:, None] * slope) + 1e-12 * np.eye(theta.size)
@@ -759,9 +714,7 @@ def _loudest(level: FloatArray, spread: FloatArray, background: float) -> float:
     return max(loudest, background + 1.0)
 
 
-def _level_model(
-    theta: FloatArray, spread: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _level_model(theta: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Total level, and the shares of the vessels and of the background."""
     unit = np.log(10) / 10
     parts = theta[:, None] * unit

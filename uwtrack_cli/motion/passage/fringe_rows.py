@@ -26,17 +26,8 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.fringes import Fringes
 from uwtrack_cli.motion.association import PassageReport, same_vessel
-from uwtrack_cli.motion.decision import (
-    FRINGES,
-    PassageDecision,
-    reject,
-    weigh_more,
-)
-from uwtrack_cli.motion.evidence.fringes import (
-    FringePassage,
-    evidence_of_levels,
-    fringe_passages,
-)
+from uwtrack_cli.motion.decision import FRINGES, PassageDecision, reject, weigh_more
+from uwtrack_cli.motion.evidence.fringes import FringePassage, evidence_of_levels, fringe_passages
 from uwtrack_cli.motion.passage.encounter_rows import (
     KEYS,
     LARGEST_RELATIVE_DEVIATION,
@@ -47,10 +38,7 @@ from uwtrack_cli.motion.passage.encounter_rows import (
     Row,
 )
 from uwtrack_cli.motion.passage.fit.nuisances import NuisancePriors
-from uwtrack_cli.motion.passage.readings.change_priors import (
-    VESSEL_MPS,
-    VESSEL_STD_MPS,
-)
+from uwtrack_cli.motion.passage.readings.change_priors import VESSEL_MPS, VESSEL_STD_MPS
 
 LARGEST_CHI2 = 25.0
 """Square of the difference of time and R/v over its deviations up to which two answers
@@ -66,11 +54,7 @@ NO_LINE = "no line: fringes give time and range over speed"
 
 
 def add_fringes(
-    rows: Sequence[Row],
-    fringes: Fringes | None,
-    context: CpaContext,
-    number: int,
-    least: float,
+    rows: Sequence[Row], fringes: Fringes | None, context: CpaContext, number: int, least: float
 ) -> tuple[list[Row], list[Refusal]]:
     """Return the rows with what fringes tell of them, those of fringes alone, and refusals.
 
@@ -119,9 +103,8 @@ def add_fringes(
 
 
 def _weigh_levels(
-    row: Row, fringes: Fringes, mach: tuple[float, float],
-    passages: Sequence[FringePassage],
-) -> None:  # fmt: skip
+    row: Row, fringes: Fringes, mach: tuple[float, float], passages: Sequence[FringePassage]
+) -> None:
     """Weigh a row of levels by what the image says of it."""
     if row.status == LEVEL_ONLY:
         nepers = evidence_of_levels(fringes, mach, passages, _report(row))
@@ -183,19 +166,14 @@ def _take(row: Row, one: FringePassage, mach: float) -> None:
     row.decision = PassageDecision(
         one.probability, one.rival, 1.0 - one.probability, ((one.rival, one.log_odds),)
     )
-    values["time_s"], values["range_over_speed_s"] = (
-        one.passage.time_s,
-        one.passage.width_s,
-    )
+    values["time_s"], values["range_over_speed_s"] = (one.passage.time_s, one.passage.width_s)
     values["time_std_s"] = float(np.sqrt(time_var))
     values["range_over_speed_std_s"] = float(np.sqrt(width_var))
     values["arrival_time_s"] = values["time_s"] + mach * values["range_over_speed_s"]
     for covariance in (row.covariance, row.horizontal_covariance):
         covariance[:2, :], covariance[:, :2] = np.nan, np.nan
     row.covariance[:2, :2] = one.covariance
-    row.reasons = {
-        name: text for name, text in row.reasons.items() if name not in UNKNOWN_SPEED
-    }
+    row.reasons = {name: text for name, text in row.reasons.items() if name not in UNKNOWN_SPEED}
     row.explain(NO_LINE, *UNKNOWN_SPEED)
 
 
@@ -269,9 +247,7 @@ def _take_speed(row: Row, range_m: float, log_std: float, least_m: float) -> Non
     usual = _median(VESSEL_MPS, VESSEL_STD_MPS)
     # logarithm of the speed: by range and by what vessels have
     means = np.log([range_m / width_s, usual])
-    precision = np.array(
-        [np.hypot(log_std, wide), _log_std(VESSEL_MPS, VESSEL_STD_MPS)]
-    ) ** -2.0  # fmt: skip
+    precision = np.array([np.hypot(log_std, wide), _log_std(VESSEL_MPS, VESSEL_STD_MPS)]) ** -2.0
     mean, std = float(means @ precision / precision.sum()), precision.sum() ** -0.5
     speed = float(np.exp(mean + 0.5 * std**2))
     speed_std = speed * float(np.sqrt(np.expm1(std**2)))
@@ -284,9 +260,7 @@ def _take_speed(row: Row, range_m: float, log_std: float, least_m: float) -> Non
     values["speed_mps"], values["speed_std_mps"] = speed, speed_std
     values["slant_range_m"] = speed * width_s
     partial = np.array([speed, width_s])
-    values["slant_range_std_m"] = float(
-        np.sqrt(partial @ row.covariance[1:3, 1:3] @ partial)
-    )
+    values["slant_range_std_m"] = float(np.sqrt(partial @ row.covariance[1:3, 1:3] @ partial))
     for name in ("speed_mps", "slant_range_m"):
         row.reasons.pop(name, None)
 
@@ -322,9 +296,7 @@ def _add_ranges(row: Row, old_width_s: float) -> None:
     row.horizontal_covariance[1, :] *= share
     row.horizontal_covariance[:, 1] *= share
     values["horizontal_range_over_speed_s"] = flat_s
-    values["horizontal_range_over_speed_std_s"] = (
-        share * values["range_over_speed_std_s"]
-    )
+    values["horizontal_range_over_speed_std_s"] = share * values["range_over_speed_std_s"]
     if np.isfinite(values["horizontal_range_m"]):
         values["horizontal_range_m"] = flat_s * speed
         values["horizontal_range_std_m"] = float(np.hypot(

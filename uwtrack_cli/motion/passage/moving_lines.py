@@ -113,9 +113,7 @@ def lines_together(lines: Lines, sound_speed_mps: float) -> list[Together]:
     for start_s, stop_s in pairwise(edges.tolist()):
         near = (time_s >= start_s - margin_s) & (time_s < stop_s + margin_s)
         if near.any():
-            found += _of_stretch(
-                lines, points[near], (start_s, stop_s), sound_speed_mps
-            )
+            found += _of_stretch(lines, points[near], (start_s, stop_s), sound_speed_mps)
     return _apart(found)
 
 
@@ -139,8 +137,7 @@ def stretch_of(lines: Lines, together: Together, contact: int) -> Lines:
     near &= np.isin(lines.line, together.lines)
     own = np.isin(lines.line_id, together.lines)
     return replace(
-        lines.take("point", np.flatnonzero(near)),
-        line_contact=np.where(own, contact, 0),
+        lines.take("point", np.flatnonzero(near)), line_contact=np.where(own, contact, 0)
     )
 
 
@@ -245,9 +242,7 @@ class _Cells(NamedTuple):
 
     def about(self, table: FloatArray, columns: FloatArray) -> FloatArray:
         """Return sums over the cells about every place, shape (line, place, columns)."""
-        windows = np.lib.stride_tricks.sliding_window_view(
-            table, columns.shape[0], axis=1
-        )
+        windows = np.lib.stride_tricks.sliding_window_view(table, columns.shape[0], axis=1)
         return np.asarray(windows @ columns)
 
     def gains(
@@ -275,9 +270,7 @@ class _Cells(NamedTuple):
         total, along = self.about(mass, powers), self.about(moment, powers[:, :2])
         each = moment**2 / np.where(mass > 0, mass, 1.0)
         square = self.about(each, powers[:, :1])[..., 0]
-        heard = self.about(
-            (mass > 0).astype(float), np.stack([sides < 0, sides > 0], axis=1) * 1.0
-        )
+        heard = self.about((mass > 0).astype(float), np.stack([sides < 0, sides > 0], axis=1) * 1.0)
         safe = np.where(total[..., 0] > 0, total[..., 0], 1.0)
         still = np.maximum(square - along[..., 0] ** 2 / safe, 0.0)[..., None]
         slope = along[..., 1] - along[..., 0] * total[..., 1] / safe

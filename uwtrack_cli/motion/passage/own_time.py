@@ -166,11 +166,7 @@ class LowSound:
     """
 
     def __init__(
-        self,
-        samples: FloatArray,
-        rate_hz: float,
-        start_s: float,
-        sound_speed_mps: float,
+        self, samples: FloatArray, rate_hz: float, start_s: float, sound_speed_mps: float
     ) -> None:
         self.start_s, self.sound_speed_mps = start_s, sound_speed_mps
         self._rate_hz = rate_hz
@@ -224,9 +220,7 @@ class LowSound:
         half = max(1, round(width_s / (0.5 * FRAME_S)))
         count = self._power.shape[0]
         place = np.arange(count)
-        total = np.concatenate(
-            [np.zeros((1, self._power.shape[1])), self._power.cumsum(axis=0)]
-        )
+        total = np.concatenate([np.zeros((1, self._power.shape[1])), self._power.cumsum(axis=0)])
 
         def mean(first: int, last: int) -> FloatArray:
             low, high = (np.clip(place + k, 0, count) for k in (first, last + 1))
@@ -322,9 +316,7 @@ class LowSound:
 
 
 def own_time_passages(
-    recording: Recording,
-    sound_speed_mps: float,
-    known: Sequence[tuple[float, float]] = (),
+    recording: Recording, sound_speed_mps: float, known: Sequence[tuple[float, float]] = ()
 ) -> list[OwnTime]:
     """Return the passages of seconds that a recording's sound tells, by time.
 
@@ -347,9 +339,7 @@ def own_time_passages(
     margin_s = 2 * REACH * WIDEST_S
     found: list[OwnTime] = []
     for first_s, last_s in pairwise(edges):
-        sound = low_sound(
-            recording, first_s - margin_s, last_s + margin_s, sound_speed_mps
-        )
+        sound = low_sound(recording, first_s - margin_s, last_s + margin_s, sound_speed_mps)
         if sound is None:
             continue
         told = search(sound, known)
@@ -405,8 +395,7 @@ def search(sound: LowSound, known: Sequence[tuple[float, float]] = ()) -> list[O
     kept: list[OwnTime] = []
     for one in sorted(found, key=lambda one: -one.evidence):
         if all(
-            abs(one.law[0] - other.law[0]) > APART * max(one.law[1], other.law[1])
-            for other in kept
+            abs(one.law[0] - other.law[0]) > APART * max(one.law[1], other.law[1]) for other in kept
         ):
             kept.append(one)
     return kept
@@ -530,9 +519,7 @@ def judged(sound: LowSound, law: Law) -> OwnTime | None:
         return np.asarray(unit * x[:, :1] * np.maximum(u - x[:, 1:], 0.0))
 
     slopes = np.linspace(-1.0, 1.0, 21)[:, None]
-    heights, instants = np.meshgrid(
-        np.linspace(-2.5, 2.5, 24), np.linspace(-1.5, 1.5, 7)
-    )
+    heights, instants = np.meshgrid(np.linspace(-2.5, 2.5, 24), np.linspace(-1.5, 1.5, 7))
     steps = np.stack([heights.ravel(), instants.ravel()], axis=1)
     best = max(
         float(rival(still, amplitude)[0]),
@@ -559,9 +546,7 @@ def _most(
     """
     found = value(grid)
     best, most = grid[int(np.argmax(found))], float(found.max())
-    near = np.stack(np.meshgrid(*[(-1.0, 0.0, 1.0)] * len(step)), -1).reshape(
-        -1, len(step)
-    )
+    near = np.stack(np.meshgrid(*[(-1.0, 0.0, 1.0)] * len(step)), -1).reshape(-1, len(step))
     size = 0.5 * np.array(step)
     for _ in range(RIVAL_ROUNDS):
         tried = best + near * size
@@ -593,12 +578,8 @@ def measured(sound: LowSound, passage: OwnTime) -> PassageData:
     taken, amplitude = sound.read(own_s + delay_s), sound.weight(own_s)
     u = (own_s - time_s) / width_s
     middles = np.arange(np.ceil(u[0] / HOP), np.floor(u[-1] / HOP) + 1) * HOP
-    middles = middles[
-        (middles - 0.5 * BLOCK >= u[0]) & (middles + 0.5 * BLOCK <= u[-1])
-    ]
-    frequency, deviation, level = np.full(
-        (3, passage.tones_hz.size, middles.size), np.nan
-    )
+    middles = middles[(middles - 0.5 * BLOCK >= u[0]) & (middles + 0.5 * BLOCK <= u[-1])]
+    frequency, deviation, level = np.full((3, passage.tones_hz.size, middles.size), np.nan)
     mach = speed / sound.sound_speed_mps
     for column, middle in enumerate(middles):
         here = np.abs(u - middle) <= 0.5 * BLOCK

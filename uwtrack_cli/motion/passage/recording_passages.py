@@ -74,13 +74,7 @@ from uwtrack_cli.motion.passage.moving_lines import (
     lines_together,
     stretch_of,
 )
-from uwtrack_cli.motion.passage.own_time import (
-    Law,
-    OwnTime,
-    low_sound,
-    measured,
-    own_time_passages,
-)
+from uwtrack_cli.motion.passage.own_time import Law, OwnTime, low_sound, measured, own_time_passages
 from uwtrack_cli.motion.passage.readings.change_priors import cost_of_speed
 from uwtrack_cli.motion.passage.source_separation import separate_sources
 
@@ -194,9 +188,7 @@ def examine_recording(
         own = parts.get(found[0].contacts[0], lines)
         found = [_with_broadband(found[0], own, levels, terms)]
     passing = found
-    shares, more = separate_sources(
-        levels, passing, medium, false_alarm_probability, limits
-    )
+    shares, more = separate_sources(levels, passing, medium, false_alarm_probability, limits)
     if more and (passing or not _is_one(levels, more, terms)):
         passing = _apart(passing, more, shares, (lines, parts), terms, rejected)
     elif not passing:
@@ -247,9 +239,7 @@ def _checked(
     return attempted(check, item.contacts, item.blocks.time_s)
 
 
-def _of_lines(
-    lines: Lines, terms: SearchTerms
-) -> tuple[list[CandidatePassage], list[Still]]:
+def _of_lines(lines: Lines, terms: SearchTerms) -> tuple[list[CandidatePassage], list[Still]]:
     """Examine the contacts; one that is two vessels gives a new contact."""
     medium, probability = terms.medium, terms.probability
     found: list[CandidatePassage] = []
@@ -257,9 +247,8 @@ def _of_lines(
     examined, still = examine_contacts(lines, medium, probability)
     for contact in examined:
         apart = attempted(
-            partial(split, contact, medium, probability),
-            contact.contacts, contact.blocks.time_s,
-        )  # fmt: skip
+            partial(split, contact, medium, probability), contact.contacts, contact.blocks.time_s
+        )
         first, *others = apart or [contact]
         found.append(first)
         for other in others:
@@ -271,9 +260,8 @@ def _of_lines(
         if not set(both) <= set(contact_ids(lines)):
             return None  # a part of a contact that was divided
         joint = examine(
-            contact_data(lines, None, both), both, lines_of(lines, both),
-            medium, probability,
-        )  # fmt: skip
+            contact_data(lines, None, both), both, lines_of(lines, both), medium, probability
+        )
         return _checked(joint, lines, terms) if joint else None
 
     checked = [_checked(item, lines, terms) for item in found]
@@ -351,10 +339,7 @@ def _of_own_time(
     if terms.sound is None or not is_held:
         return []
     found: list[CandidatePassage] = []
-    there = [
-        (float(item.fit.theta[0, 0]), float(item.fit.range_over_speed_s[0]))
-        for item in known
-    ]
+    there = [(float(item.fit.theta[0, 0]), float(item.fit.range_over_speed_s[0])) for item in known]
     sound_mps = terms.medium.sound_speed_mps
     for passage in own_time_passages(terms.sound, sound_mps, there):
         if any(_claims(item, passage.law) for item in (*known, *found)):
@@ -384,9 +369,7 @@ def _of_sound(
     """Measure and fit a passage of the sound, twice: the second time by the first fit."""
     medium, law = terms.medium, passage.law
     reach_s = 2 * own_time.REACH * law[1]
-    sound = low_sound(
-        recording, law[0] - reach_s, law[0] + reach_s, medium.sound_speed_mps
-    )
+    sound = low_sound(recording, law[0] - reach_s, law[0] + reach_s, medium.sound_speed_mps)
     if sound is None:
         return None
     item: CandidatePassage | None = None
@@ -402,10 +385,7 @@ def _of_sound(
         if item is None or not _claims(item, passage.law):
             return None
         fit = item.fit
-        law = (
-            float(fit.theta[0, 0]), float(fit.range_over_speed_s[0]),
-            float(fit.theta[0, 2]),
-        )  # fmt: skip
+        law = (float(fit.theta[0, 0]), float(fit.range_over_speed_s[0]), float(fit.theta[0, 2]))
     return item
 
 
@@ -435,9 +415,7 @@ def _apart(
         own_lines = parts.get(found[0].contacts[0], lines)
         found = [_with_broadband(found[0], own_lines, shares[0], terms)]
     taken = {number for item in found for number in item.contacts}
-    free = (
-        [n for n in contact_ids(lines) if n not in taken] if lines is not None else []
-    )
+    free = [n for n in contact_ids(lines) if n not in taken] if lines is not None else []
     used = lines.line_contact.max(initial=0) if lines is not None else 0
     number = max([*taken, int(used)], default=0)
     shown = [Rise.of(item) for item in found]
@@ -458,9 +436,7 @@ def _apart(
     return found
 
 
-def _is_one(
-    levels: Levels, several: list[CandidatePassage], terms: SearchTerms
-) -> bool:
+def _is_one(levels: Levels, several: list[CandidatePassage], terms: SearchTerms) -> bool:
     """Tell whether rises beside each other are one passage with fringes."""
     alone = _of_levels(levels, terms)
     if alone is None:
@@ -469,10 +445,7 @@ def _is_one(
 
 
 def _broadband_first(
-    lines: Lines | None,
-    levels: Levels,
-    terms: SearchTerms,
-    rejected: list[CandidatePassage],
+    lines: Lines | None, levels: Levels, terms: SearchTerms, rejected: list[CandidatePassage]
 ) -> list[CandidatePassage]:
     """Examine the broadband, with the lines that fit it if any do.
 
@@ -567,18 +540,14 @@ def _with_patterns(
         ]  # fmt: skip
         # of two patterns at one place the one that gains more
         gains = [one.rest_frame_evidence for one in beside]
-        if (
-            pattern.decision.probability > max(others, default=0.0)
-            and pattern.rest_frame_evidence > max(gains, default=0.0)
-        ):  # fmt: skip
-            found = [
-                one for one in found if not _is_beside(_place(one), _place(pattern))
-            ]
+        if pattern.decision.probability > max(
+            others, default=0.0
+        ) and pattern.rest_frame_evidence > max(gains, default=0.0):
+            found = [one for one in found if not _is_beside(_place(one), _place(pattern))]
             found.append(pattern)
     return found + [
-        one for one in kept
-        if not any(_is_beside(_place(one), _place(other)) for other in found)
-    ]  # fmt: skip
+        one for one in kept if not any(_is_beside(_place(one), _place(other)) for other in found)
+    ]
 
 
 def _has_speed(item: CandidatePassage) -> bool:
@@ -596,10 +565,7 @@ def _is_beside(one: Place, other: Place) -> bool:
 
 
 def _of_pattern(
-    place: Place,
-    contacts: tuple[int, ...],
-    levels: Levels | None,
-    terms: SearchTerms,
+    place: Place, contacts: tuple[int, ...], levels: Levels | None, terms: SearchTerms
 ) -> CandidatePassage | None:
     """Measure where the pattern of the sound is about a passage in air, and fit it.
 

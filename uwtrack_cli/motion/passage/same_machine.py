@@ -61,10 +61,7 @@ END_POINTS = 10
 
 
 def is_of_comb(
-    comb_hz: FloatArray,
-    comb_std_hz: FloatArray,
-    own_hz: FloatArray,
-    own_std_hz: FloatArray,
+    comb_hz: FloatArray, comb_std_hz: FloatArray, own_hz: FloatArray, own_std_hz: FloatArray
 ) -> bool:
     """Tell whether rest frequencies are teeth of the comb that others make.
 
@@ -174,8 +171,7 @@ def is_next_gear(before: ContactEnds, after: ContactEnds, window_s: float) -> bo
     tried = ratios[(ratios < GREATEST_RATIO) & (ratios > 1 / GREATEST_RATIO)]
     needed = max(FEWEST_PAIRS, LEAST_SHARE * min(old_hz.size, new_hz.size))
     return any(
-        np.count_nonzero(
-            (np.abs(new_hz - ratio * old_hz[:, None]) < reach_hz).any(axis=1)
-        ) >= needed
+        np.count_nonzero((np.abs(new_hz - ratio * old_hz[:, None]) < reach_hz).any(axis=1))
+        >= needed
         for ratio in tried
-    )  # fmt: skip
+    )

@@ -136,9 +136,7 @@ class _Search:
         sources, passing = best
         while _count(passing) < len(passing):
             kept = sources.take([n for n, item in enumerate(passing) if item])
-            sources = fit_sources(
-                self.sound, self.known, kept.theta[None], kept.turn[None]
-            )
+            sources = fit_sources(self.sound, self.known, kept.theta[None], kept.turn[None])
             passing = self._passing(sources)
         return sources, [item for item in passing if item]
 
@@ -146,9 +144,7 @@ class _Search:
         """Add the source that explains most of what is unexplained."""
         rest = alone(sources, None, self.sound, self.known)
         starts = find_initial_estimates(
-            make_blocks(_measured(rest, self.data)),
-            self.medium,
-            n_starts=2,
+            make_blocks(_measured(rest, self.data)), self.medium, n_starts=2
         )
         x = (rest.time_s - starts.theta[:, 0:1]) / np.exp(starts.theta[:, 1:2])
         ahead = rest.bearing - starts.turn[:, None] * np.arctan(x)
@@ -172,9 +168,7 @@ class _Search:
         wider = widening(sources, self.sound, self.known)
         return [self._examined(sources, row, wider[row]) for row in range(len(wider))]
 
-    def _examined(
-        self, sources: SourceFit, row: int, wider: FloatArray
-    ) -> CandidatePassage | None:
+    def _examined(self, sources: SourceFit, row: int, wider: FloatArray) -> CandidatePassage | None:
         time, width, power, _ = sources.motion[row]
         if not self.limits.first_s < time < self.limits.last_s:
             return None
@@ -222,10 +216,7 @@ class _Search:
             for n in others
             if sources.motion[n, 2] > sources.motion[row, 2] + np.log(0.1)
         ]
-        return all(
-            abs(other - time) > 0.5 * (width + other_width)
-            for other, other_width in place
-        )
+        return all(abs(other - time) > 0.5 * (width + other_width) for other, other_width in place)
 
 
 def _with_halves(
@@ -238,9 +229,7 @@ def _with_halves(
         swing = sources.turn[row] * np.arctan(0.6)
         first = N_COMMON + N_EACH * (sources.n_known + row)
         halved = np.append(sources.theta, np.zeros(N_EACH))
-        halved[first : first + N_EACH] = (
-            time - reach, width - np.log(2), power, bearing - swing,
-        )  # fmt: skip
+        halved[first : first + N_EACH] = (time - reach, width - np.log(2), power, bearing - swing)
         halved[-N_EACH:] = time + reach, width - np.log(2), power, bearing + swing
         for other in turns:
             more.append(halved[None])

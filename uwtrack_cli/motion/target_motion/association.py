@@ -119,9 +119,7 @@ def associate(
     return [_source(problem, best, int(index), heard) for index in order]
 
 
-def _source(
-    problem: Problem, found: _Mixture, index: int, heard: BoolArray
-) -> BearingSource:
+def _source(problem: Problem, found: _Mixture, index: int, heard: BoolArray) -> BearingSource:
     own, z = found.probability[index], found.z[index]
     lost = float((z**2 * own * (1.0 - own))[heard].sum() / own[heard].sum())
     known = float(np.clip(1.0 - lost, 0.2, 1.0))
@@ -155,9 +153,7 @@ def _in_stretches(strange: BoolArray) -> bool:
     return bool((runs - mean) / spread < FEWEST_RUNS)
 
 
-def _search(
-    problem: Problem, limits: SearchBounds, heard: BoolArray, *, is_told: bool
-) -> _Mixture:
+def _search(problem: Problem, limits: SearchBounds, heard: BoolArray, *, is_told: bool) -> _Mixture:
     """Return the best single source with rows from anywhere."""
     typical = 1.0 / float(np.median(problem.bearing_weight[problem.bearing_weight > 0]))
     scales = [1.0] if is_told else [float(std / typical) for std in FIRST_STD_RAD]
@@ -177,9 +173,7 @@ def _search(
             for q in starts
         ]  # fmt: skip
     found.sort(key=lambda one: -one.gain)
-    ends = [
-        _climb(problem, limits, one, heard, is_told) for one in found[:FOLLOWED_STARTS]
-    ]
+    ends = [_climb(problem, limits, one, heard, is_told) for one in found[:FOLLOWED_STARTS]]
     return max(ends, key=lambda one: _evidence(problem, one))
 
 
@@ -204,12 +198,7 @@ def _begin(problem: Problem, q: FloatArray, scale: float) -> _Mixture:
 
 
 def _plain(
-    problem: Problem,
-    limits: SearchBounds,
-    best: _Mixture,
-    heard: BoolArray,
-    *,
-    is_told: bool,
+    problem: Problem, limits: SearchBounds, best: _Mixture, heard: BoolArray, *, is_told: bool
 ) -> _Mixture:
     """Return the fit in which every row is the source's."""
     scale = best.scale
@@ -235,9 +224,7 @@ def _climb(
     """Repeat expectation and maximisation until the likelihood no longer rises."""
     here = begin
     if begin.gain == -np.inf:
-        here = _expect(
-            problem, begin.q, begin.share, begin.scale, begin.probability, heard
-        )
+        here = _expect(problem, begin.q, begin.share, begin.scale, begin.probability, heard)
     count = np.count_nonzero(heard)
     for _ in range(rounds):
         own = here.probability
@@ -251,9 +238,7 @@ def _climb(
         for index in range(len(q)):
             weight = problem.bearing_weight * np.sqrt(own[index]) / scale
             weighed = replace(problem, bearing_weight=weight)
-            q[index] = minimise(
-                weighed, q[index : index + 1], limits, iterations=6
-            ).q[0]  # fmt: skip
+            q[index] = minimise(weighed, q[index : index + 1], limits, iterations=6).q[0]
         there = _expect(problem, q, share, scale, own, heard)
         rise = there.gain - here.gain
         here = there
@@ -287,9 +272,7 @@ def _expect(
     total = joint.sum(0) + _share_of_none(share)
     own = np.where(heard, joint / total, 0.0)
     gain = 2.0 * float(np.log(total[heard]).sum()) - others / len(q)
-    return _Mixture(
-        q, share, scale, np.maximum(own, SMALLEST_PROBABILITY * heard), z, gain, offset
-    )
+    return _Mixture(q, share, scale, np.maximum(own, SMALLEST_PROBABILITY * heard), z, gain, offset)
 
 
 def _densities(share: FloatArray, z: FloatArray, weight: FloatArray) -> FloatArray:
@@ -306,12 +289,7 @@ def _share_of_none(share: FloatArray) -> float:
 
 
 def _with_another(
-    problem: Problem,
-    limits: SearchBounds,
-    found: _Mixture,
-    heard: BoolArray,
-    *,
-    is_told: bool,
+    problem: Problem, limits: SearchBounds, found: _Mixture, heard: BoolArray, *, is_told: bool
 ) -> _Mixture | None:
     """Seek a further source among the rows that are nobody's; None if there is none."""
     left = heard & (found.probability.sum(0) < 0.5)

@@ -52,9 +52,7 @@ class Bounce:
         """Longest detour, of a source above or below the sensor, m."""
         return 2.0 * min(self.sensor_m, self.source_m)
 
-    def delay_s(
-        self, range_m: FloatArray, sound_speed_mps: float
-    ) -> tuple[FloatArray, FloatArray]:
+    def delay_s(self, range_m: FloatArray, sound_speed_mps: float) -> tuple[FloatArray, FloatArray]:
         """Return delays, s, and their partials by the slant range, s/m, of any shape.
 
         Examples

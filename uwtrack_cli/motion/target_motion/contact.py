@@ -40,12 +40,7 @@ from uwtrack_cli.motion.target_motion.modes import (
     find_modes,
 )
 from uwtrack_cli.motion.target_motion.near_rows import near_rows
-from uwtrack_cli.motion.target_motion.objective import (
-    STUDENT,
-    loss_value,
-    misfit,
-    residuals,
-)
+from uwtrack_cli.motion.target_motion.objective import STUDENT, loss_value, misfit, residuals
 from uwtrack_cli.motion.target_motion.observability import (
     assess,
     information,
@@ -61,11 +56,7 @@ from uwtrack_cli.motion.target_motion.own_ship import (
 )
 from uwtrack_cli.motion.target_motion.problem import Problem, without_rows
 from uwtrack_cli.motion.target_motion.row_mixture import RowMixture
-from uwtrack_cli.motion.target_motion.row_noise import (
-    alike_rows,
-    kinds_of,
-    row_noise,
-)
+from uwtrack_cli.motion.target_motion.row_noise import alike_rows, kinds_of, row_noise
 from uwtrack_cli.motion.target_motion.solvers.marquardt import (
     DescentResult,
     SearchBounds,
@@ -108,9 +99,7 @@ class ContactAnswer:
     """Sources that the contact's rows were taken apart into."""
 
 
-def analyse_contacts(
-    contacts: list[Measurements], options: TmaOptions
-) -> list[ContactAnswer]:
+def analyse_contacts(contacts: list[Measurements], options: TmaOptions) -> list[ContactAnswer]:
     """Estimate the motions of all contacts; further sources get new numbers."""
     found: list[ContactAnswer] = []
     number = max((data.contact for data in contacts), default=0)
@@ -126,9 +115,7 @@ def analyse_contacts(
 def analyse_contact(data: Measurements, options: TmaOptions) -> list[ContactAnswer]:
     """Estimate the motion of one contact, or of every source that its rows hold."""
     check_measurements(data)
-    limits = search_bounds(
-        options.search.range_limits_m, options.search.speed_limit_mps
-    )
+    limits = search_bounds(options.search.range_limits_m, options.search.speed_limit_mps)
     problem = build_problem(data, options)
     if data.platforms is not None:
         problem = _with_offsets(problem, limits, data.platforms, options)
@@ -337,11 +324,7 @@ degrees of freedom."""
 
 
 def _sources(
-    problem: Problem,
-    legs: Legs,
-    limits: SearchBounds,
-    data: Measurements,
-    options: TmaOptions,
+    problem: Problem, legs: Legs, limits: SearchBounds, data: Measurements, options: TmaOptions
 ) -> list[BearingSource] | None:
     """Take all rows apart into sources where the misfit of the legs asks for it."""
     is_told = _is_told(data, options)
@@ -351,9 +334,7 @@ def _sources(
     if found is None:
         return None
     loss = problem.loss if problem.n_lines else "squares"
-    return [
-        replace(source, problem=replace(source.problem, loss=loss)) for source in found
-    ]
+    return [replace(source, problem=replace(source.problem, loss=loss)) for source in found]
 
 
 def _is_told(data: Measurements, options: TmaOptions) -> bool:
@@ -436,18 +417,14 @@ def build_problem(data: Measurements, options: TmaOptions) -> Problem:
         bearing_std = np.hypot(bearing_std, bent)
     else:
         paths = sensor_paths(data, platforms)
-        track = make_sensors_track(
-            paths, platforms.sensor, data.time_s, model.doppler, interval
-        )
+        track = make_sensors_track(paths, platforms.sensor, data.time_s, model.doppler, interval)
         heading = None
     if data.mirrored_bearing_deg is not None:
         heading = _between_mirrors(data.bearing_deg, data.mirrored_bearing_deg)
         if platforms is not None:
             bent = _bent_arrays_rad(data, platforms, paths, heading, interval, options)
             bearing_std = np.hypot(bearing_std, np.degrees(bent))
-    bearing_weight, bearing = _weigh(
-        np.radians(data.bearing_deg), np.radians(bearing_std)
-    )
+    bearing_weight, bearing = _weigh(np.radians(data.bearing_deg), np.radians(bearing_std))
     return Problem(
         track=track,
         bearing_rad=bearing[np.newaxis],
@@ -581,9 +558,7 @@ def _filled(
     if option is None:
         scatter[streams] = [_scatter(values[s], circular=circular) for s in streams]
         told = scatter[np.isfinite(scatter)]
-        scatter = np.where(
-            np.isnan(scatter), np.median(told) if told.size else np.nan, scatter
-        )
+        scatter = np.where(np.isnan(scatter), np.median(told) if told.size else np.nan, scatter)
     if not np.all(scatter[streams] > 0):
         option_too = "" if name == "bounce_delay_std_s" else " or an option"
         msg = (
@@ -652,9 +627,7 @@ def _allow_for_overlap(problem: Problem, limits: SearchBounds, lags: int) -> Pro
     )
 
 
-def _minima(
-    problem: Problem, limits: SearchBounds, solution: FloatArray
-) -> DescentResult:
+def _minima(problem: Problem, limits: SearchBounds, solution: FloatArray) -> DescentResult:
     """Return the solver's answer and the other straight motions, best first."""
     fit = minima_of(problem, limits)
     own = minimise(problem, solution[np.newaxis], limits, iterations=0)

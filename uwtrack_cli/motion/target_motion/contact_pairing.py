@@ -37,26 +37,13 @@ from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray, TextArray
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.estimation.robust import white_scatter
 from uwtrack_cli.motion.target_motion.contact import build_problem
-from uwtrack_cli.motion.target_motion.inputs import (
-    measurements_from_series,
-    rounding_std,
-)
+from uwtrack_cli.motion.target_motion.inputs import measurements_from_series, rounding_std
 from uwtrack_cli.motion.target_motion.legs import seek_alteration, with_one_more
-from uwtrack_cli.motion.target_motion.model import (
-    PER_ALTERATION,
-    STRAIGHT,
-    from_state,
-    to_state,
-)
+from uwtrack_cli.motion.target_motion.model import PER_ALTERATION, STRAIGHT, from_state, to_state
 from uwtrack_cli.motion.target_motion.modes import TmaOptions
 from uwtrack_cli.motion.target_motion.near_rows import near_rows
 from uwtrack_cli.motion.target_motion.place_readings import VESSEL_VELOCITY_STD_MPS
-from uwtrack_cli.motion.target_motion.problem import (
-    Expectation,
-    MotionPrior,
-    Problem,
-    without_rows,
-)
+from uwtrack_cli.motion.target_motion.problem import Expectation, MotionPrior, Problem, without_rows
 from uwtrack_cli.motion.target_motion.solvers.marquardt import (
     DescentResult,
     SearchBounds,
@@ -277,9 +264,7 @@ def _row_deviations(
         rows = np.flatnonzero((owner[0] == sensor) & (owner[1] == contact))
         rows = rows[np.argsort(series.time_s[rows], kind="stable")]
         for column, line in enumerate(values[rows].T):
-            scatter = white_scatter(
-                np.radians(line) if is_angle else line, circular=is_angle
-            )
+            scatter = white_scatter(np.radians(line) if is_angle else line, circular=is_angle)
             scatter = float(np.degrees(scatter)) if is_angle else scatter
             least = np.fmax(scatter, rounding_std(line))
             if np.isfinite(scatter) and least > 0.0:
@@ -296,17 +281,12 @@ def _gathered(series: Series) -> Series:
     edges = np.linspace(0, n, min(n, BLOCKS) + 1).astype(int)
     parts = [slice(a, b) for a, b in pairwise(edges)]
     bearing, bearing_std = _middles(
-        series.bearing_deg[:, np.newaxis], series.bearing_std_deg[:, np.newaxis], parts,
-        turn=360.0,
-    )  # fmt: skip
-    frequency, frequency_std = _middles(
-        series.frequency_hz, series.frequency_std_hz, parts
+        series.bearing_deg[:, np.newaxis], series.bearing_std_deg[:, np.newaxis], parts, turn=360.0
     )
+    frequency, frequency_std = _middles(series.frequency_hz, series.frequency_std_hz, parts)
     mirrored = series.mirrored_bearing_deg
     if mirrored is not None:
-        folded, _ = _middles(
-            mirrored[:, np.newaxis], np.ones((n, 1)), parts, turn=360.0
-        )
+        folded, _ = _middles(mirrored[:, np.newaxis], np.ones((n, 1)), parts, turn=360.0)
         mirrored = folded[:, 0]
     return replace(
         series.take("row", (edges[:-1] + edges[1:]) // 2),
@@ -352,9 +332,7 @@ class _Evidence:
     def __init__(self, heard: list[_Heard], options: TmaOptions) -> None:
         self.heard = heard
         self._options = options
-        self._limits = search_bounds(
-            options.search.range_limits_m, options.search.speed_limit_mps
-        )
+        self._limits = search_bounds(options.search.range_limits_m, options.search.speed_limit_mps)
         east, north, weight = self._places()
         centre = weight @ np.stack([east, north], -1) / weight.sum()
         away2 = (east - centre[0]) ** 2 + (north - centre[1]) ** 2
@@ -412,16 +390,12 @@ class _Evidence:
         state[:2] += origin - begin_s * state[2:]
         return _Fit(max(evidence, LEAST_EVIDENCE), state)
 
-    def _evidence(
-        self, problem: Problem, found: DescentResult
-    ) -> tuple[float, FloatArray]:
+    def _evidence(self, problem: Problem, found: DescentResult) -> tuple[float, FloatArray]:
         """Return the log evidence of a target, and its likeliest straight motion."""
         value = _laplace(problem, found)
         best = int(value.argmax())
         q = found.q[best]
-        evidence = _with_alterations(
-            problem, q, float(value[best]), self._limits, self._options
-        )
+        evidence = _with_alterations(problem, q, float(value[best]), self._limits, self._options)
         return evidence, q
 
     def _problem(self, group: Group) -> tuple[Problem, FloatArray, float]:
@@ -536,10 +510,7 @@ def _hypotheses(evidence: _Evidence) -> dict[Hypothesis, float]:
                 gain = evidence.of(joined, (group, alone)).log_evidence
                 gain -= evidence.of(group).log_evidence
                 more[(hypothesis - {group}) | {joined}] = value + gain
-        weight = {
-            one: value + _log_prior(one, heard, len(sensors))
-            for one, value in more.items()
-        }
+        weight = {one: value + _log_prior(one, heard, len(sensors)) for one, value in more.items()}
         order = sorted(more, key=lambda one: -weight[one])[:MOST_HYPOTHESES]
         least = -np.inf
         # only when all contacts of a sensor have their place do hypotheses compare

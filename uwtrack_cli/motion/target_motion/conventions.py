@@ -64,9 +64,7 @@ class Convention:
     """How its bearings seem to count."""
 
 
-def other_convention(
-    problem: Problem, limits: SearchBounds, q: FloatArray
-) -> Convention | None:
+def other_convention(problem: Problem, limits: SearchBounds, q: FloatArray) -> Convention | None:
     """Return the sensor whose bearings seem to count otherwise; None if there is none.
 
     Every row of the problem, of several sensors, has its full weight.
@@ -115,12 +113,8 @@ def _as_counted(problem: Problem, sensor: int, name: str) -> Problem | None:
     own = wrap_rad(bearing[:, sensor])
     weight[sensor] /= abs(factor)
     if factor == RADIANS:
-        usual = [
-            np.median(each[each > 0]) for each in np.delete(weight, sensor, axis=0)
-        ]
-        is_coarse = COARSEST * np.median(weight[sensor][weight[sensor] > 0]) < min(
-            usual
-        )
+        usual = [np.median(each[each > 0]) for each in np.delete(weight, sensor, axis=0)]
+        is_coarse = COARSEST * np.median(weight[sensor][weight[sensor] > 0]) < min(usual)
         if is_coarse or np.any(np.abs(own) > LARGEST_AS_DEGREES):
             return None
     bearing[:, sensor] = factor * own + shift

@@ -75,15 +75,11 @@ def fixes_of_answers(
     statements += unplaced
     parts: list[FixRows] = []
     for answer, times in answers:
-        own = [
-            _at_times(answer, n, mode, times) for n, mode in enumerate(answer.modes, 1)
-        ]
+        own = [_at_times(answer, n, mode, times) for n, mode in enumerate(answer.modes, 1)]
         kept = [part for part in own if part is not None]
         if pairings is not None:
             for part in kept:
-                said = pairings.columns_of(
-                    np.repeat(answer.data.contact, len(part["time_s"]))
-                )
+                said = pairings.columns_of(np.repeat(answer.data.contact, len(part["time_s"])))
                 part.update(said)
         if not kept:
             statements.append(NO_REGION.format(answer.data.contact))

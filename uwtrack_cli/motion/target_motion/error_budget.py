@@ -22,11 +22,7 @@ from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.coloured_noise import fit_coloured_noise
 from uwtrack_cli.motion.target_motion.model import state_jacobian
 from uwtrack_cli.motion.target_motion.objective import Residuals, loss_weight, residuals
-from uwtrack_cli.motion.target_motion.observability import (
-    Information,
-    design_rows,
-    series_slopes,
-)
+from uwtrack_cli.motion.target_motion.observability import Information, design_rows, series_slopes
 from uwtrack_cli.motion.target_motion.problem import Problem
 
 MOST_CELLS = 1000
@@ -132,9 +128,7 @@ def _misplaced_sensors(
     for axis in (0, 1):
         angle = -r.prediction.bearing_jacobian[0, axis] * r.side[0]
         rate = slope * r.prediction.rate_jacobian[0, axis]
-        change = np.concatenate(
-            [problem.bearing_weight * angle, problem.frequency_weight * rate]
-        )
+        change = np.concatenate([problem.bearing_weight * angle, problem.frequency_weight * rate])
         each = np.einsum("snp,sn->np", pull[: streams + problem.n_lines], change)
         for number, std in enumerate(std_m):
             moved = std * each[sensor == number].sum(axis=0)
@@ -151,9 +145,7 @@ def _whitened_change(
         return np.concatenate([turned, np.zeros_like(problem.frequency_weight)])
     moved = replace(problem, sound_speed_mps=problem.sound_speed_mps + std)
     other = residuals(moved, q[np.newaxis], rest_hz=r.rest_hz)
-    return np.concatenate(
-        [other.bearing[0] - r.bearing[0], other.frequency[0] - r.frequency[0]]
-    )
+    return np.concatenate([other.bearing[0] - r.bearing[0], other.frequency[0] - r.frequency[0]])
 
 
 def along_sight(problem: Problem, r: Residuals) -> tuple[FloatArray, FloatArray]:
@@ -217,9 +209,7 @@ def markov_covariance(
     """
     order = np.argsort(time_s, kind="stable")
     rows = gradient[order]
-    decay = np.exp(
-        -np.diff(time_s[order], prepend=time_s[order[:1]]) / correlation_time_s
-    )
+    decay = np.exp(-np.diff(time_s[order], prepend=time_s[order[:1]]) / correlation_time_s)
     past = np.zeros_like(rows)
     for row in range(1, len(rows)):
         past[row] = decay[row] * (past[row - 1] + rows[row - 1])
@@ -257,9 +247,7 @@ def _coloured_meat(problem: Problem, r: Residuals, rows: FloatArray) -> FloatArr
     width_s = WIDTH_SHARE * float(np.ptp(problem.row_time_s))
     if not width_s:
         return added
-    for number, (series, measured) in enumerate(
-        zip(influence, weight > 0, strict=True)
-    ):
+    for number, (series, measured) in enumerate(zip(influence, weight > 0, strict=True)):
         others = np.delete(rows, number, axis=0).reshape(-1, size)
         design = rows[number]
         if not measured.any():

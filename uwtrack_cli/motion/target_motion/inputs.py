@@ -177,9 +177,7 @@ def _platforms(series: Series, rows: IntArray) -> Platforms | None:
 
     def of_each(values: FloatArray | None) -> FloatArray:
         known = np.full(len(told), np.nan) if values is None else values
-        return np.array(
-            [known[told[str(name)]] if str(name) in told else np.nan for name in names]
-        )
+        return np.array([known[told[str(name)]] if str(name) in told else np.nan for name in names])
 
     return Platforms(
         name=tuple(map(str, names)),
@@ -196,9 +194,7 @@ def _platforms(series: Series, rows: IntArray) -> Platforms | None:
     )
 
 
-def _streams(
-    values: FloatArray, rows: IntArray, platforms: Platforms | None
-) -> FloatArray:
+def _streams(values: FloatArray, rows: IntArray, platforms: Platforms | None) -> FloatArray:
     """Spread a column over the streams of the sensors, (streams, rows)."""
     if platforms is None:
         return values[np.newaxis, rows]
@@ -254,9 +250,7 @@ def measurements_from_lines(lines: Lines) -> list[Measurements]:
                 time_s=time,
                 bearing_deg=spread(lines.measured_bearing_deg),
                 bearing_std_deg=spread(lines.measured_bearing_std_deg),
-                is_aliased=(
-                    None if aliased is None else spread(aliased.astype(float)) == 1.0
-                ),
+                is_aliased=(None if aliased is None else spread(aliased.astype(float)) == 1.0),
                 frequency_hz=spread(lines.measured_frequency_hz),
                 frequency_std_hz=spread(lines.measured_frequency_std_hz),
                 line_id=np.sort(ids),
@@ -303,8 +297,7 @@ def _check_bearings(data: Measurements, who: str) -> None:
     if np.any(is_far):
         worst = bearing.T[is_far.T][0]
         msg = (
-            f"{data.begin_of(is_far)}a bearing of {who} is {worst:g} degrees; 0 to 360 "
-            f"is accepted."
+            f"{data.begin_of(is_far)}a bearing of {who} is {worst:g} degrees; 0 to 360 is accepted."
         )
         raise DataError(msg)
     _check_positive(data, std, f"bearing_std_deg of {who}")
@@ -379,9 +372,7 @@ def own_path(navigation: Navigation | None, data: Measurements) -> OwnPath:
         shift = (navigation.start_utc_ns - data.start_utc_ns) / NANOSECONDS
     time = navigation.time_s + shift
     _check_navigation(time, navigation, data)
-    return OwnPath(
-        time, navigation.east_m, navigation.north_m, np.radians(navigation.heading_deg)
-    )
+    return OwnPath(time, navigation.east_m, navigation.north_m, np.radians(navigation.heading_deg))
 
 
 def sensor_paths(data: Measurements, platforms: Platforms) -> list[OwnPath]:
@@ -392,15 +383,11 @@ def sensor_paths(data: Measurements, platforms: Platforms) -> list[OwnPath]:
         time, first = np.unique(data.time_s[rows], return_index=True)
         rows = rows[first]
         unknown = np.full(time.size, np.nan)
-        paths.append(
-            OwnPath(time, platforms.east_m[rows], platforms.north_m[rows], unknown)
-        )
+        paths.append(OwnPath(time, platforms.east_m[rows], platforms.north_m[rows], unknown))
     return paths
 
 
-def _check_navigation(
-    time: FloatArray, navigation: Navigation, data: Measurements
-) -> None:
+def _check_navigation(time: FloatArray, navigation: Navigation, data: Measurements) -> None:
     steps = np.diff(time)
     if time.size == 0 or np.any(~(steps > 0)):
         msg = "the times of the navigation must increase from row to row."

@@ -41,9 +41,7 @@ LEAST_CONTENT = 0.88
 """Content from which an ellipse of 95 % is one: 0.95 less three deviations of sampling."""
 
 
-def ellipse_holds(
-    problem: Problem, q: FloatArray, covariance: FloatArray, scale: float
-) -> bool:
+def ellipse_holds(problem: Problem, q: FloatArray, covariance: FloatArray, scale: float) -> bool:
     """Return whether the joint ellipse of 95 % holds what it should.
 
     The covariance is that of range (m), bearing (rad), speed (m/s), course (rad) and the

@@ -59,11 +59,7 @@ from uwtrack_cli.motion.target_motion.row_noise import (
     row_noise,
     whitened,
 )
-from uwtrack_cli.motion.target_motion.solvers.marquardt import (
-    DescentResult,
-    SearchBounds,
-    minimise,
-)
+from uwtrack_cli.motion.target_motion.solvers.marquardt import DescentResult, SearchBounds, minimise
 
 N_INSTANTS = 41
 """Instants at which the target may have altered its velocity."""
@@ -166,9 +162,7 @@ class Alterations:
         weight = np.exp(self.log_odds - self.log_odds.max()).ravel()
         return np.asarray(weight * (self.probability / weight.sum()))
 
-    def with_alteration(
-        self, q: FloatArray, at: int, log_duration: float
-    ) -> FloatArray:
+    def with_alteration(self, q: FloatArray, at: int, log_duration: float) -> FloatArray:
         """Return a motion with its best alteration at one of the instants."""
         change = self.change_mps[at]
         state = to_state(q) + self.shift[at, : q.size] @ change
@@ -245,10 +239,7 @@ class Legs:
 
 
 def find_legs(
-    problem: Problem,
-    straight: DescentResult,
-    limits: SearchBounds,
-    nuisances: NuisanceDeviations,
+    problem: Problem, straight: DescentResult, limits: SearchBounds, nuisances: NuisanceDeviations
 ) -> Legs:
     """Fit as many legs as the evidence asks for, from the best straight motions."""
     problem = _with_durations(problem)
@@ -396,9 +387,8 @@ def _fitted(
     # with instant and duration held: a free instant stays between the rows of its start
     held = (limits.lower.size - 2, limits.lower.size - 1)
     ends = minimise(
-        problem, np.array(starts), limits, held=held, iterations=FIRST_STEPS,
-        tolerance=1e-3,
-    )  # fmt: skip
+        problem, np.array(starts), limits, held=held, iterations=FIRST_STEPS, tolerance=1e-3
+    )
     near = ends.q[ends.value < ends.value.min() + HOPELESS]
     ends = minimise(problem, near, limits, iterations=MOST_STEPS, tolerance=1e-6)
     ends = ends.take(np.argsort(ends.value, kind="stable"))
@@ -441,10 +431,7 @@ def _prior_odds(span_s: float) -> float:
 
 
 def seek_alteration(
-    problem: Problem,
-    q: FloatArray,
-    nuisances: NuisanceDeviations,
-    colours: Colours = NO_MEMORY,
+    problem: Problem, q: FloatArray, nuisances: NuisanceDeviations, colours: Colours = NO_MEMORY
 ) -> Alterations:
     """Weigh one more alteration of a motion at many instants, in noise with a memory."""
     if problem.n_rows < FEWEST_ROWS:
@@ -455,9 +442,7 @@ def seek_alteration(
 class _Linear:
     """The linearised model of one record about a motion, under the noise of its rows."""
 
-    def __init__(
-        self, problem: Problem, q: FloatArray, nuisances: NuisanceDeviations
-    ) -> None:
+    def __init__(self, problem: Problem, q: FloatArray, nuisances: NuisanceDeviations) -> None:
         self._problem, self.q, self._nuisances = problem, q, nuisances
         self._r = residuals(problem, q[np.newaxis])
         self._parts = _Parts(problem, q, self._r, nuisances)
@@ -603,11 +588,7 @@ class _Parts:
     """Whitened residuals and partials of one record, value by value."""
 
     def __init__(
-        self,
-        problem: Problem,
-        q: FloatArray,
-        r: Residuals,
-        nuisances: NuisanceDeviations,
+        self, problem: Problem, q: FloatArray, r: Residuals, nuisances: NuisanceDeviations
     ) -> None:
         self.z, share = whitened(problem, r)
         n_bearings, shape_b = problem.bearing_weight.size, problem.bearing_weight.shape
@@ -642,9 +623,7 @@ class _Parts:
         prior_z = np.zeros(1 + n_constant)
         if std is None:
             compass = np.radians(nuisances.compass_deg)
-            others[:n_bearings, -1] = (
-                compass * np.broadcast_to(weight_b, shape_b).ravel()
-            )
+            others[:n_bearings, -1] = compass * np.broadcast_to(weight_b, shape_b).ravel()
         else:
             plain = share_b * problem.bearing_weight
             for stream in range(streams):

@@ -83,9 +83,8 @@ def to_polar(q: FloatArray) -> FloatArray:
 
 
 def from_motion(
-    range_m: FloatArray, bearing_rad: FloatArray, speed_mps: FloatArray,
-    course_rad: FloatArray,
-) -> FloatArray:  # fmt: skip
+    range_m: FloatArray, bearing_rad: FloatArray, speed_mps: FloatArray, course_rad: FloatArray
+) -> FloatArray:
     """Turn range, bearing, speed and course into solver coordinates.
 
     A negative range or speed is the same vessel on the opposite bearing or
@@ -215,21 +214,14 @@ class Alteration:
                 state[:, first + k, np.newaxis] for k in range(PER_ALTERATION)
             )
             after = before + east + 1j * north
-            old, new = (
-                np.where(np.abs(z) < SLOWEST_MPS, SLOWEST_MPS, z)
-                for z in (before, after)
-            )
+            old, new = (np.where(np.abs(z) < SLOWEST_MPS, SLOWEST_MPS, z) for z in (before, after))
             found.append(cls._of_one(old, new, np.exp(log_duration), time_s - middle))
             before = after
         return tuple(found)
 
     @classmethod
     def _of_one(
-        cls,
-        before: ComplexArray,
-        after: ComplexArray,
-        duration_s: FloatArray,
-        since_s: FloatArray,
+        cls, before: ComplexArray, after: ComplexArray, duration_s: FloatArray, since_s: FloatArray
     ) -> "Alteration":
         share = np.clip(since_s / duration_s + 0.5, 0.0, 1.0)
         turn = np.log(after / before)
@@ -238,9 +230,7 @@ class Alteration:
         safe = np.where(small, 1.0, turn)
         mean = np.where(small, share * (1.0 + share * turn / 2.0), (power - 1.0) / safe)
         slope = np.where(
-            small,
-            share**2 * (0.5 + share * turn / 3.0),
-            (share * power - mean) / safe,
+            small, share**2 * (0.5 + share * turn / 3.0), (share * power - mean) / safe
         )
         rest = np.maximum(since_s - 0.5 * duration_s, 0.0)
         return cls(before, after, duration_s, share, rest, power, mean, slope)
@@ -383,13 +373,10 @@ def predict(track: ObserverTrack, state: FloatArray, medium: Medium) -> Predicti
         change = range_jacobian - before.range_jacobian()
         rate_jacobian: FloatArray = change / track.interval_s
     else:
-        rate, rate_jacobian = _rate_of_the_instant(
-            track, now, medium.slowness_spm, range_jacobian
-        )
+        rate, rate_jacobian = _rate_of_the_instant(track, now, medium.slowness_spm, range_jacobian)
     return Prediction(
-        np.arctan2(east, north), rate, bearing_jacobian, rate_jacobian, now.range_m,
-        range_jacobian,
-    )  # fmt: skip
+        np.arctan2(east, north), rate, bearing_jacobian, rate_jacobian, now.range_m, range_jacobian
+    )
 
 
 def predict_values(
@@ -432,9 +419,7 @@ def _line_of_sight(track: ObserverTrack, state: FloatArray, medium: Medium) -> _
 
 def _straight_sight(track: ObserverTrack, state: FloatArray, medium: Medium) -> _Sight:
     """See straight motions, (trials, 4), or those of every node, (trials, 4, nodes)."""
-    x, y, vx, vy = (
-        state[:, k] if state.ndim == 3 else state[:, k, np.newaxis] for k in range(4)
-    )
+    x, y, vx, vy = (state[:, k] if state.ndim == 3 else state[:, k, np.newaxis] for k in range(4))
     time = track.time_s
     east = x + vx * time - track.east_m
     north = y + vy * time - track.north_m
@@ -443,9 +428,7 @@ def _straight_sight(track: ObserverTrack, state: FloatArray, medium: Medium) -> 
     if not slowness:
         distance = np.maximum(np.sqrt(squared), 1e-6)
         stretch = np.ones((state.shape[0], 1))
-        return _Sight(
-            time, distance, east / distance, north / distance, stretch, (vx, vy), ()
-        )
+        return _Sight(time, distance, east / distance, north / distance, stretch, (vx, vy), ())
     opening = slowness * (east * vx + north * vy)
     scale = 1.0 - slowness**2 * (vx**2 + vy**2)
     distance = (np.sqrt(opening**2 + scale * squared) - opening) / scale
@@ -457,10 +440,7 @@ def _straight_sight(track: ObserverTrack, state: FloatArray, medium: Medium) -> 
 
 
 def _rate_of_the_instant(
-    track: ObserverTrack,
-    now: _Sight,
-    slowness_spm: float,
-    range_jacobian: FloatArray,
+    track: ObserverTrack, now: _Sight, slowness_spm: float, range_jacobian: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Range rate u.w / D of the relative velocity w, with its derivatives.
 

@@ -26,17 +26,9 @@ from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.estimation.normal_mixture import HALF_WIDTH, HELD, half_width, widened
 from uwtrack_cli.motion.options import Misfit, MotionModel, Search
 from uwtrack_cli.motion.target_motion.bounce import Bounce
-from uwtrack_cli.motion.target_motion.error_budget import (
-    NuisanceDeviations,
-    error_budget,
-)
+from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations, error_budget
 from uwtrack_cli.motion.target_motion.joint_region import ellipse_holds
-from uwtrack_cli.motion.target_motion.legs import (
-    NOTHING,
-    Alterations,
-    Rival,
-    seek_alteration,
-)
+from uwtrack_cli.motion.target_motion.legs import NOTHING, Alterations, Rival, seek_alteration
 from uwtrack_cli.motion.target_motion.model import (
     PER_ALTERATION,
     STRAIGHT,
@@ -56,11 +48,7 @@ from uwtrack_cli.motion.target_motion.observability import (
 )
 from uwtrack_cli.motion.target_motion.problem import MotionPrior, Problem
 from uwtrack_cli.motion.target_motion.row_noise import NO_MEMORY, Colours
-from uwtrack_cli.motion.target_motion.solvers.marquardt import (
-    DescentResult,
-    SearchBounds,
-    minimise,
-)
+from uwtrack_cli.motion.target_motion.solvers.marquardt import DescentResult, SearchBounds, minimise
 from uwtrack_cli.motion.target_motion.solvers.solvers import SolverName
 
 STEPS = 12
@@ -144,9 +132,7 @@ class _Profile:
     polar: bool
     """Whether coordinates are ranges and bearings."""
 
-    def _fit(
-        self, trials: FloatArray, *, iterations: int, tolerance: float
-    ) -> DescentResult:
+    def _fit(self, trials: FloatArray, *, iterations: int, tolerance: float) -> DescentResult:
         return minimise(
             self.problem, trials, self.bounds, held=(self.coordinate,),
             polar=self.polar, iterations=iterations, tolerance=tolerance,
@@ -156,9 +142,7 @@ class _Profile:
         """Return that of a descent; an instant between rows has a misfit with kinks."""
         return usual if self.bounds.lower.size == STRAIGHT else LOOSE
 
-    def side(
-        self, centre: FloatArray, deviation: float
-    ) -> tuple[float, bool, DescentResult]:
+    def side(self, centre: FloatArray, deviation: float) -> tuple[float, bool, DescentResult]:
         """Follow the profile to one side: the crossing, whether it was cut, and the way.
 
         The way holds the fit at every point, with its excess over the first as value.
@@ -297,10 +281,7 @@ def _alike(problem: Problem, fit: DescentResult, a: int, b: int) -> bool:
         for (_, rows), spread in zip(
             ends, np.linalg.pinv(fit.matrix[[a, b]], hermitian=True), strict=True
         )
-        for off, own in (
-            (first, spread[:STRAIGHT, :STRAIGHT]),
-            (last, rows @ spread @ rows.T),
-        )
+        for off, own in ((first, spread[:STRAIGHT, :STRAIGHT]), (last, rows @ spread @ rows.T))
     )
 
 
@@ -522,9 +503,7 @@ def _parts(
     scale: float,
 ) -> tuple[PosteriorPart, ...]:
     """Return the parts of the posterior; none where the motion alone stands for it."""
-    own: tuple[PosteriorPart, ...] = (
-        PosteriorPart(q, covariance[: q.size, : q.size], 1.0),
-    )
+    own: tuple[PosteriorPart, ...] = (PosteriorPart(q, covariance[: q.size, : q.size], 1.0),)
     if q.size > STRAIGHT:
         white = information(problem, q).covariance(people=False)
         beyond = (covariance - white)[: q.size, : q.size]
@@ -539,9 +518,7 @@ def _parts(
             with_coloured_noise=options.is_table,
         )  # fmt: skip
         size = rival.q.size
-        found.append(
-            PosteriorPart(rival.q, budget.covariance[:size, :size], rival.weight)
-        )
+        found.append(PosteriorPart(rival.q, budget.covariance[:size, :size], rival.weight))
     return tuple(found)
 
 
@@ -633,9 +610,7 @@ def seen_at(
     off = np.array([other - motion for other, _, _ in others])
     off[:, [1, 3]] = wrap_rad(off[:, [1, 3]])
     own = np.array([np.diagonal(each) for _, _, each in others])
-    own = np.concatenate(
-        [own, np.diagonal(moved, axis1=1, axis2=2) + np.diagonal(spread)]
-    )
+    own = np.concatenate([own, np.diagonal(moved, axis1=1, axis2=2) + np.diagonal(spread)])
     share = np.array([one.weight for one in parts]) * (1.0 - more.weight.sum())
     share = np.concatenate([share, more.weight])
     mean = np.concatenate([off, np.zeros((more.weight.size, off.shape[1]))])
@@ -667,9 +642,7 @@ SMALLEST_PART = 1e-3
 """Probability below which a part of the posterior is left out."""
 
 
-def _valley(
-    range_span: Interval, more: FloatArray, scale: float
-) -> tuple[PosteriorPart, ...]:
+def _valley(range_span: Interval, more: FloatArray, scale: float) -> tuple[PosteriorPart, ...]:
     """Return the parts of the posterior along the profile of the range.
 
     The likelihood of a target with legs lies in a long valley that bends: at every range

@@ -143,11 +143,7 @@ def _has_no_bearing(answer: ContactAnswer) -> bool:
 
 
 def report_of(
-    mode: ModeAnswer,
-    answer: ContactAnswer,
-    reasons: dict[str, str],
-    *,
-    manoeuvre_needed: bool,
+    mode: ModeAnswer, answer: ContactAnswer, reasons: dict[str, str], *, manoeuvre_needed: bool
 ) -> str:
     """Describe in a few sentences what the data determine."""
     seen = mode.observability
@@ -181,8 +177,7 @@ def report_of(
     share = _aliased_share(answer)
     if 0.0 < share < 1.0:
         parts.append(
-            f"a grating lobe of the array may stand for {100.0 * share:.0f} % of the "
-            f"bearings"
+            f"a grating lobe of the array may stand for {100.0 * share:.0f} % of the bearings"
         )
     parts += _words_of_legs(mode, answer)
     parts += _complaints(mode, answer) + _shares(answer)
@@ -275,9 +270,7 @@ SENSORS_STATEMENT = (
 
 
 def motions_table(
-    answers: list[ContactAnswer],
-    options: TmaOptions,
-    pairings: Pairings | None = None,
+    answers: list[ContactAnswer], options: TmaOptions, pairings: Pairings | None = None
 ) -> Motions:
     """Gather the answers of all contacts, and which contacts of sensors were joined."""
     rows = [
@@ -311,14 +304,11 @@ def motions_table(
     )
 
 
-def _statement(
-    answers: list[ContactAnswer], options: TmaOptions, pairings: Pairings | None
-) -> str:
+def _statement(answers: list[ContactAnswer], options: TmaOptions, pairings: Pairings | None) -> str:
     """Say what no residual reveals: bearings that cross need no sound speed."""
     joined = [] if pairings is None else [pairings.statement]
     crossing = [
-        answer.data.platforms is not None and not answer.data.line_id.size
-        for answer in answers
+        answer.data.platforms is not None and not answer.data.line_id.size for answer in answers
     ]
     if answers and all(crossing):
         return " ".join([*joined, SENSORS_STATEMENT, *_expected(options.prior)])
@@ -329,9 +319,7 @@ def _statement(
         words.append(BOUNCE_STATEMENT.format(options.bounce.words))
     if own.is_usual_navigation and not any(crossing):
         words.append(
-            NAVIGATION_STATEMENT.format(
-                position=own.own_position_m, velocity=own.own_velocity_mps
-            )
+            NAVIGATION_STATEMENT.format(position=own.own_position_m, velocity=own.own_velocity_mps)
         )
     return " ".join(words)
 
@@ -375,12 +363,8 @@ def _row(answer: ContactAnswer, mode: ModeAnswer, number: int) -> dict[str, Any]
         "time_s": first,
         "time_utc_ns": _utc(data.start_utc_ns, first),
         **_with_std(to_motion(mode.q)[:4], std),
-        "range_low_m": np.nan
-        if spans["range"].open_low
-        else np.exp(spans["range"].low),
-        "range_high_m": (
-            np.nan if spans["range"].open_high else np.exp(spans["range"].high)
-        ),
+        "range_low_m": np.nan if spans["range"].open_low else np.exp(spans["range"].low),
+        "range_high_m": (np.nan if spans["range"].open_high else np.exp(spans["range"].high)),
         "speed_low_mps": spans["speed"].low,
         "speed_high_mps": np.nan if spans["speed"].open_high else spans["speed"].high,
         **course_ends(spans["course"]),
@@ -437,9 +421,7 @@ def _observability(
     return {
         "motion_model": "manoeuvre" if is_altered else "straight",
         "manoeuvre_time_s": (
-            float(answer.data.time_s[0]) + mode.legs[1].altered_s
-            if is_altered
-            else np.nan
+            float(answer.data.time_s[0]) + mode.legs[1].altered_s if is_altered else np.nan
         ),
         "manoeuvre_gain": answer.legs.gain,
         "manoeuvre_probability": answer.legs.probability,
@@ -502,9 +484,7 @@ def _blank(values: dict[str, Any], reasons: dict[str, str]) -> None:
     values["covariance"] = covariance
 
 
-def _absolute(
-    answer: ContactAnswer, mode: ModeAnswer, reasons: dict[str, str]
-) -> dict[str, Any]:
+def _absolute(answer: ContactAnswer, mode: ModeAnswer, reasons: dict[str, str]) -> dict[str, Any]:
     """Return the place at the first measurement where sensors give one."""
     names = ("east_m", "north_m", "latitude", "longitude")
     values: dict[str, Any] = {**dict.fromkeys(names, np.nan), "reference": ""}
@@ -571,9 +551,7 @@ def _offset_table(answers: list[ContactAnswer]) -> dict[str, NDArray[Any]]:
 def _leg_table(answers: list[ContactAnswer]) -> dict[str, NDArray[Any]]:
     """Return every leg of every mode."""
     owner, rows = flatten(
-        enumerate(_leg_rows(answer, mode), start=1)
-        for answer in answers
-        for mode in answer.modes
+        enumerate(_leg_rows(answer, mode), start=1) for answer in answers for mode in answer.modes
     )
     table: dict[str, NDArray[Any]] = {
         "leg_motion": owner,
@@ -643,9 +621,7 @@ def _rest_table(
     }
 
 
-def _nuisance_table(
-    answers: list[ContactAnswer], options: TmaOptions
-) -> dict[str, NDArray[Any]]:
+def _nuisance_table(answers: list[ContactAnswer], options: TmaOptions) -> dict[str, NDArray[Any]]:
     deviations = options.nuisances.values()
     deviations["sensor_position_m"] = max(
         (_sensor_position_std(answer) for answer in answers), default=np.nan

@@ -116,9 +116,7 @@ def scaled_lines(problem: Problem, prediction: Prediction) -> tuple[ScaledLines,
     ]  # fmt: skip
     if problem.bounce is not None:
         delay, slope = problem.bounce.delay_s(prediction.range_m, sound)
-        found.append(
-            ScaledLines(slice(tones, None), delay, slope, prediction.range_jacobian)
-        )
+        found.append(ScaledLines(slice(tones, None), delay, slope, prediction.range_jacobian))
     return tuple(one for one in found if problem.n_lines > one.lines.start)
 
 
@@ -206,9 +204,7 @@ def bearing_errors(
     return off, np.where(is_open, np.sign(relative), 1.0)
 
 
-def _without_offsets(
-    problem: Problem, off: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _without_offsets(problem: Problem, off: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Take the best offset of each stream out of bearing errors; return both.
 
     Ridge regression on one constant: b = -sum w off / (sum w + 1 / s^2), reweighted
@@ -254,18 +250,14 @@ def _line_errors(
     if not scaled:
         return np.empty((len(rest_hz), 0, data_hz.shape[-1]))
     parts = [
-        rest_hz[:, one.lines, np.newaxis] * one.shape[:, np.newaxis]
-        - data_hz[:, one.lines]
+        rest_hz[:, one.lines, np.newaxis] * one.shape[:, np.newaxis] - data_hz[:, one.lines]
         for one in scaled
     ]
     return parts[0] if len(parts) == 1 else np.concatenate(parts, 1)
 
 
 def _rest_frequencies(
-    problem: Problem,
-    scaled: tuple[ScaledLines, ...],
-    data_hz: FloatArray,
-    n_trials: int,
+    problem: Problem, scaled: tuple[ScaledLines, ...], data_hz: FloatArray, n_trials: int
 ) -> FloatArray:
     """Return the best rest frequencies, and the best factor of delays."""
     if not scaled:
@@ -310,9 +302,7 @@ def _best_scales(
     return rest
 
 
-def _median_rest(
-    inverse_std: FloatArray, factor: FloatArray, data_hz: FloatArray
-) -> FloatArray:
+def _median_rest(inverse_std: FloatArray, factor: FloatArray, data_hz: FloatArray) -> FloatArray:
     single = data_hz / factor[:, np.newaxis]
     columns = []
     for line, weight in enumerate(inverse_std):
@@ -324,11 +314,7 @@ def _median_rest(
 
 
 def misfit(
-    problem: Problem,
-    q: FloatArray,
-    member: IntArray | None = None,
-    *,
-    polar: bool = False,
+    problem: Problem, q: FloatArray, member: IntArray | None = None, *, polar: bool = False
 ) -> ProfiledMisfit:
     """Return misfit, half gradient and Gauss-Newton matrix of trial motions.
 
@@ -347,19 +333,14 @@ def misfit(
     safe = np.where(blocks.rest_matrix > 0, blocks.rest_matrix, np.inf)
     cross = blocks.cross / safe[:, np.newaxis]
     matrix = blocks.matrix - cross @ np.swapaxes(blocks.cross, 1, 2)
-    gradient = (
-        blocks.gradient - (cross @ blocks.rest_gradient[:, :, np.newaxis])[..., 0]
-    )
+    gradient = blocks.gradient - (cross @ blocks.rest_gradient[:, :, np.newaxis])[..., 0]
     if prior_z.size:
         rows = np.swapaxes(prior_rows, 1, 2)
         matrix = matrix + rows @ prior_rows
         gradient = gradient + (rows @ prior_z[:, :, np.newaxis])[:, :, 0]
     turned = np.swapaxes(chain, 1, 2)
     return ProfiledMisfit(
-        value,
-        (turned @ gradient[:, :, np.newaxis])[:, :, 0],
-        turned @ matrix @ chain,
-        r.rest_hz,
+        value, (turned @ gradient[:, :, np.newaxis])[:, :, 0], turned @ matrix @ chain, r.rest_hz
     )
 
 
@@ -391,9 +372,7 @@ Columns = dict[int, Any]
 """Partials by the places of the unknowns that have any."""
 
 
-def _expected_start(
-    prior: MotionPrior, state: FloatArray
-) -> list[tuple[FloatArray, Columns]]:
+def _expected_start(prior: MotionPrior, state: FloatArray) -> list[tuple[FloatArray, Columns]]:
     """Return off and partials of the range and the course at the first measurement."""
     found: list[tuple[FloatArray, Columns]] = []
     for expected, place in ((prior.log_range, 0), (prior.course_rad, 2)):
@@ -411,9 +390,7 @@ def _expected_start(
     return found
 
 
-def _expected_speeds(
-    prior: MotionPrior, state: FloatArray
-) -> list[tuple[FloatArray, Columns]]:
+def _expected_speeds(prior: MotionPrior, state: FloatArray) -> list[tuple[FloatArray, Columns]]:
     """Return off and partials of the speed on every leg."""
     expected, found = prior.speed_mps, list[tuple[FloatArray, Columns]]()
     if expected is None:
@@ -454,9 +431,7 @@ def normal_blocks(problem: Problem, r: Residuals) -> NormalBlocks:
     pull = (weight * r.bearing).sum(1) * r.side
     each = weight * problem.bearing_weight
     strength = each.sum(1)
-    matrix = (bearing_jacobian * strength[:, np.newaxis]) @ np.swapaxes(
-        bearing_jacobian, 1, 2
-    )
+    matrix = (bearing_jacobian * strength[:, np.newaxis]) @ np.swapaxes(bearing_jacobian, 1, 2)
     gradient = (bearing_jacobian @ pull[:, :, np.newaxis])[:, :, 0]
     empty = np.zeros((gradient.shape[0], 0))
     cross, diagonal, slope = np.zeros((*gradient.shape, 0)), empty, empty

@@ -105,9 +105,8 @@ def information(problem: Problem, q: FloatArray) -> Information:
     chain[:own, :own] = state_jacobian(trial)[0]
     turn[:own, :own] = motion_jacobian(trial)[0]
     return Information(
-        chain.T @ bread @ chain, chain.T @ meat @ chain, turn,
-        problem.bounce is not None,
-    )  # fmt: skip
+        chain.T @ bread @ chain, chain.T @ meat @ chain, turn, problem.bounce is not None
+    )
 
 
 def design_rows(problem: Problem, r: Residuals) -> FloatArray:
@@ -139,9 +138,7 @@ def _plain_rows(problem: Problem, r: Residuals) -> FloatArray:
     own = len(bearing)
     streams = problem.bearing_weight.shape[0]
     rows = np.zeros((streams + problem.n_lines, problem.n_rows, own + problem.n_lines))
-    rows[:streams, :, :own] = (
-        problem.bearing_weight[:, :, np.newaxis] * bearing.T[np.newaxis]
-    )
+    rows[:streams, :, :own] = problem.bearing_weight[:, :, np.newaxis] * bearing.T[np.newaxis]
     for one in r.scaled:
         partials = (one.slope[0] * one.jacobian[0]).T
         for line in range(problem.n_lines)[one.lines]:
@@ -185,9 +182,7 @@ def _bread_and_meat(problem: Problem, r: Residuals) -> tuple[FloatArray, FloatAr
     meat = np.tensordot(power * share, parts, axes=1)
     if problem.offset_std_rad is not None:
         pull = offset_pull(problem, r)
-        precision = np.where(
-            np.isfinite(problem.offset_precision), problem.offset_precision, 0.0
-        )
+        precision = np.where(np.isfinite(problem.offset_precision), problem.offset_precision, 0.0)
         prior = np.einsum("s,sp,sq->pq", precision, pull, pull)
         bread, meat = bread + prior, meat + prior
     return bread, meat
@@ -280,9 +275,7 @@ def assess(found: Information, motion: FloatArray) -> Observability:
         rank=int(np.count_nonzero(~lost)),
         n_parameters=values.size,
         condition=found.condition,
-        weakest=_in_words(
-            direction, float(motion[0]), lines, singular=bool(lost.any())
-        ),
+        weakest=_in_words(direction, float(motion[0]), lines, singular=bool(lost.any())),
         probability=probability,
         observable=observable,
     )
@@ -295,9 +288,7 @@ def accuracy_probability(covariance: FloatArray, range_m: float) -> float:
     return criterion_probability(covariance[chosen], np.array(bounds))
 
 
-def _in_words(
-    direction: FloatArray, range_m: float, lines: list[str], *, singular: bool
-) -> str:
+def _in_words(direction: FloatArray, range_m: float, lines: list[str], *, singular: bool) -> str:
     """Write a direction; a singular one scaled to the largest readable change."""
     n_alterations = (direction.size - len(lines)) // PER_ALTERATION - 1
     readable = np.concatenate([

@@ -124,17 +124,13 @@ def bend_rad(path: OwnPath, time_s: FloatArray, length_m: float) -> FloatArray:
     """
     if path.time_s.size < 2 or length_m == 0.0 or time_s.size == 0:
         return np.zeros(time_s.size)
-    speeds = np.hypot(np.diff(path.east_m), np.diff(path.north_m)) / np.diff(
-        path.time_s
-    )
+    speeds = np.hypot(np.diff(path.east_m), np.diff(path.north_m)) / np.diff(path.time_s)
     speed = float(np.median(speeds))
     if speed <= 0.0:
         return np.zeros(time_s.size)
     step_s = length_m / speed / BEND_STEPS
     # more than a tow before the first row own ship is taken to have gone straight
-    grid = np.arange(
-        time_s[0] - 2.0 * length_m / speed, time_s[-1] + 2 * step_s, step_s
-    )
+    grid = np.arange(time_s[0] - 2.0 * length_m / speed, time_s[-1] + 2 * step_s, step_s)
     east, north = path.at(grid)
     leg = np.hypot(np.diff(east), np.diff(north))
     course = np.unwrap(np.arctan2(np.diff(east), np.diff(north)))
@@ -142,10 +138,7 @@ def bend_rad(path: OwnPath, time_s: FloatArray, length_m: float) -> FloatArray:
     now = np.clip(np.searchsorted(grid, time_s) - 1, 0, course.size - 1)
     last = np.searchsorted(way, way[now] - length_m)
     return np.array(
-        [
-            np.abs(course[a : b + 1] - course[b]).max()
-            for a, b in zip(last, now, strict=True)
-        ]
+        [np.abs(course[a : b + 1] - course[b]).max() for a, b in zip(last, now, strict=True)]
     )
 
 
@@ -162,11 +155,7 @@ def _arc(part: FloatArray, half_turn: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 def make_sensors_track(
-    paths: list[OwnPath],
-    sensor: IntArray,
-    time_s: FloatArray,
-    doppler: Doppler,
-    interval_s: float,
+    paths: list[OwnPath], sensor: IntArray, time_s: FloatArray, doppler: Doppler, interval_s: float
 ) -> ObserverTrack:
     """Sample several sensors on one grid, each at the rows that it heard.
 
@@ -185,9 +174,7 @@ def make_sensors_track(
     first = np.cumsum([0, *(part.time_s.size for part in parts)])
     order = np.argsort(np.concatenate(rows))
     before = [
-        n + part.before
-        for n, part in zip(first, parts, strict=False)
-        if part.before is not None
+        n + part.before for n, part in zip(first, parts, strict=False) if part.before is not None
     ]
     now = [n + part.now for n, part in zip(first, parts, strict=False)]
     return ObserverTrack(

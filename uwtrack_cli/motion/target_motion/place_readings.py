@@ -123,15 +123,11 @@ def _places(problem: Problem) -> _Places:
     )
 
 
-def _log_likelihood(
-    problem: Problem, mixture: RowMixture | None, state: FloatArray
-) -> FloatArray:
+def _log_likelihood(problem: Problem, mixture: RowMixture | None, state: FloatArray) -> FloatArray:
     if mixture is not None:
         return mixture.log_likelihood(state)
     count = len(state)
-    value = misfit_value(
-        problem, state, np.zeros((count, 0)), np.zeros(count, dtype=np.int64)
-    )
+    value = misfit_value(problem, state, np.zeros((count, 0)), np.zeros(count, dtype=np.int64))
     return -0.5 * value
 
 
@@ -141,9 +137,7 @@ def _log_velocity(velocity: FloatArray, stds: tuple[float, ...]) -> FloatArray:
     variance = np.square(stds)
     each = -0.5 * square / variance - np.log(2.0 * np.pi * variance)
     top = each.max(axis=1)
-    return np.asarray(
-        top + np.log(np.exp(each - top[:, np.newaxis]).mean(axis=1)),
-    )
+    return np.asarray(top + np.log(np.exp(each - top[:, np.newaxis]).mean(axis=1)))
 
 
 def moving_region(
@@ -179,9 +173,7 @@ def still_region(problem: Problem, mixture: RowMixture | None = None) -> Region:
     reach = np.sqrt(places.reach_m2)
     ranges = np.geomspace(GRID_NEAREST, GRID_FARTHEST, GRID_RANGES) * reach
     angles = np.linspace(0.0, 2.0 * np.pi, GRID_BEARINGS, endpoint=False)
-    away = ranges[:, np.newaxis, np.newaxis] * np.stack(
-        [np.sin(angles), np.cos(angles)], axis=-1
-    )
+    away = ranges[:, np.newaxis, np.newaxis] * np.stack([np.sin(angles), np.cos(angles)], axis=-1)
     grid = places.centre + away.reshape(-1, 2)
     area = np.repeat(ranges**2, angles.size)
     value = log_target(grid) + np.log(area)
@@ -258,9 +250,7 @@ def sample_density(
         off = unit / np.sqrt(length)[:, np.newaxis]
         trial = mean + off @ root.T
         log_proposal = constant - np.log(np.diagonal(root)).sum()
-        log_proposal = log_proposal - 0.5 * (TAILS + size) * np.log1p(
-            (off**2).sum(1) / TAILS
-        )
+        log_proposal = log_proposal - 0.5 * (TAILS + size) * np.log1p((off**2).sum(1) / TAILS)
         log_weight = log_target(trial) - log_proposal
         top = float(log_weight.max())
         weight = np.exp(log_weight - top)

@@ -135,10 +135,7 @@ class Problem:
     @property
     def n_values(self) -> int:
         """Number of measured values."""
-        return int(
-            np.count_nonzero(self.bearing_weight)
-            + np.count_nonzero(self.frequency_weight)
-        )
+        return int(np.count_nonzero(self.bearing_weight) + np.count_nonzero(self.frequency_weight))
 
     @property
     def row_time_s(self) -> FloatArray:
@@ -163,9 +160,7 @@ class Problem:
         """Keep one record."""
         chosen = slice(index, index + 1)
         return replace(
-            self,
-            bearing_rad=self.bearing_rad[chosen],
-            frequency_hz=self.frequency_hz[chosen],
+            self, bearing_rad=self.bearing_rad[chosen], frequency_hz=self.frequency_hz[chosen]
         )
 
 

@@ -69,9 +69,7 @@ class RowMixture:
         for _ in range(PASSES):
             error, _, each = weigh(offset)
             pull = (each * (error - offset[:, stream])) @ members
-            offset = np.where(
-                free, -pull / np.maximum(each @ members + prior, 1e-300), 0
-            )
+            offset = np.where(free, -pull / np.maximum(each @ members + prior, 1e-300), 0)
         _, own, each = weigh(offset)
         width = np.log1p(each @ members / np.where(free, precision, np.inf)).sum(axis=1)
         value = np.log(own + other).sum(axis=1)

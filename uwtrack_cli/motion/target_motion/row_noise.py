@@ -24,12 +24,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.least_squares import orthonormal
-from uwtrack_cli.motion.coloured_noise import (
-    SMALLEST_GAIN,
-    SMALLEST_SHARE,
-    WHITE,
-    ColouredNoise,
-)
+from uwtrack_cli.motion.coloured_noise import SMALLEST_GAIN, SMALLEST_SHARE, WHITE, ColouredNoise
 from uwtrack_cli.motion.target_motion.error_budget import (
     NuisanceDeviations,
     along_sight,
@@ -106,9 +101,7 @@ class RowNoise:
             if not value.size:
                 continue
             grain = SAME_INSTANT * one.correlation_time_s
-            keys, node = np.unique(
-                np.rint(one.time_s[value, place] / grain), return_inverse=True
-            )
+            keys, node = np.unique(np.rint(one.time_s[value, place] / grain), return_inverse=True)
             times.append(keys * grain)
             rows.append(value)
             columns.append(first + node)
@@ -130,7 +123,7 @@ class RowNoise:
         partials = coo_array(
             (np.concatenate(gains), (np.concatenate(rows), order[np.concatenate(columns)])),
             shape=(self.white.size, first),
-        ).tocsr()  # fmt: skip
+        ).tocsr()
         told = (partials.T @ (partials / self.white[:, np.newaxis])).tocoo()
         lower = told.row >= told.col
         parts = [(told.row[lower], told.col[lower], told.data[lower])]
@@ -165,10 +158,7 @@ class RowNoise:
 
 
 def row_noise(
-    problem: Problem,
-    r: Residuals,
-    nuisances: NuisanceDeviations,
-    colours: Colours = NO_MEMORY,
+    problem: Problem, r: Residuals, nuisances: NuisanceDeviations, colours: Colours = NO_MEMORY
 ) -> RowNoise:
     """Return the noise of the values of one motion's residuals."""
     own = RowNoise(np.ones(_n_values(problem)), _navigation(problem, r, nuisances))
@@ -187,7 +177,7 @@ def row_noise(
             for strength, time_s in zip(
                 colour.variance.tolist(), colour.correlation_time_s.tolist(), strict=True
             )
-        ]  # fmt: skip
+        ]
     return RowNoise(white, (*own.processes, *memory))
 
 
@@ -231,9 +221,7 @@ def find_colours(
             continue
         rest = np.concatenate([np.delete(design, of_kind, axis=0), prior_rows])
         upper = np.asarray(np.linalg.qr(rest, mode="r"))
-        found.append(
-            _memory(value, problem.row_time_s[measured], columns, upper, known)
-        )
+        found.append(_memory(value, problem.row_time_s[measured], columns, upper, known))
     return found[0], found[1], found[2]
 
 
@@ -336,9 +324,7 @@ def _pooled(values: FloatArray, of_kind: slice, count: FloatArray) -> FloatArray
 
 
 def _count(problem: Problem, of_kind: slice) -> FloatArray:
-    return np.asarray(
-        _measured(problem)[of_kind].reshape(-1, problem.n_rows).sum(axis=0)
-    )
+    return np.asarray(_measured(problem)[of_kind].reshape(-1, problem.n_rows).sum(axis=0))
 
 
 def _navigation(

@@ -21,11 +21,7 @@ from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.target_motion.model import from_motion, from_state
 from uwtrack_cli.motion.target_motion.objective import loss_value, residuals
 from uwtrack_cli.motion.target_motion.problem import Problem
-from uwtrack_cli.motion.target_motion.solvers.marquardt import (
-    DescentResult,
-    SearchBounds,
-    minimise,
-)
+from uwtrack_cli.motion.target_motion.solvers.marquardt import DescentResult, SearchBounds, minimise
 
 BLOCKS = 40
 HOPELESS = 60.0
@@ -123,14 +119,10 @@ def subset_starts(problem: Problem, limits: SearchBounds) -> FloatArray:
     )
     few = np.unique(np.linspace(0, row.size - 1, MOST_SCORED).astype(int))
     away = (
-        state[:, :2, np.newaxis]
-        + state[:, 2:, np.newaxis] * time[few]
-        - place[few].T[np.newaxis]
+        state[:, :2, np.newaxis] + state[:, 2:, np.newaxis] * time[few] - place[few].T[np.newaxis]
     )
     model = np.arctan2(away[:, 0], away[:, 1])
-    off = np.minimum(
-        np.abs(wrap_rad(model - angle[few])), np.abs(wrap_rad(model - other[few]))
-    )
+    off = np.minimum(np.abs(wrap_rad(model - angle[few])), np.abs(wrap_rad(model - other[few])))
     score = np.minimum((off / deviation[few]) ** 2, 9.0).sum(1)
     q = np.clip(from_state(state), limits.lower, limits.upper)
     return q[_apart(q, np.argsort(score), 5.0 * SAME, KEPT_DRAWS)]
@@ -213,12 +205,7 @@ def block_averages(problem: Problem) -> Problem:
 
 
 def _gather(
-    data: FloatArray,
-    weight: FloatArray,
-    edges: IntArray,
-    *,
-    robust: bool,
-    circular: bool = False,
+    data: FloatArray, weight: FloatArray, edges: IntArray, *, robust: bool, circular: bool = False
 ) -> tuple[FloatArray, FloatArray]:
     """Average (or take the median of) every block; weights are those of means."""
     power = np.add.reduceat(weight**2, edges[:-1], axis=1)

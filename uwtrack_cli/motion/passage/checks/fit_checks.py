@@ -76,9 +76,7 @@ def check_fit(candidate: CandidatePassage) -> CandidatePassage:
     if blocks.shift.is_empty:
         return candidate
     n_stationary, n_lines = count_stationary_lines(fit, blocks)
-    candidate = candidate.measured(
-        stationary_share=n_stationary / max(n_lines, 1), n_lines=n_lines
-    )
+    candidate = candidate.measured(stationary_share=n_stationary / max(n_lines, 1), n_lines=n_lines)
     if not _moves(fit):
         return candidate
     misfit = doppler_misfit(fit, blocks)
@@ -219,19 +217,14 @@ def _without_each_line(fit: PassageFit, blocks: Blocks) -> FloatArray:
         kept[line] = False
         found = _refit(fit, blocks, np.ones(blocks.time_s.size, np.bool_), kept)
         if found is not None:
-            added = np.maximum(
-                found[1] - own, SMALLEST_ADDED * np.maximum(found[1], own)
-            )
+            added = np.maximum(found[1] - own, SMALLEST_ADDED * np.maximum(found[1], own))
             moved = _apart(found[0], whole) / np.sqrt(added)
             factor = np.fmax(factor, moved / CHANCE_OF_LINES)
     return factor
 
 
 def _refit(
-    fit: PassageFit,
-    blocks: Blocks,
-    instants: BoolArray,
-    kept_lines: BoolArray | None = None,
+    fit: PassageFit, blocks: Blocks, instants: BoolArray, kept_lines: BoolArray | None = None
 ) -> tuple[FloatArray, FloatArray] | None:
     """Fit a part of the measurements; the four answers with their variances.
 

@@ -103,9 +103,7 @@ class RestFrame(NamedTuple):
     """What its lines gain over noise at the best frame length, nepers."""
 
 
-def ask_the_sound(
-    candidate: CandidatePassage, recording: Recording | None
-) -> CandidatePassage:
+def ask_the_sound(candidate: CandidatePassage, recording: Recording | None) -> CandidatePassage:
     """Return a candidate with what the sound says of it.
 
     Parameters
@@ -210,10 +208,7 @@ class _Rivals(NamedTuple):
 
 
 def _rivals(
-    blocks: Blocks,
-    is_known: BoolArray,
-    place: tuple[float, float],
-    change: Change | None,
+    blocks: Blocks, is_known: BoolArray, place: tuple[float, float], change: Change | None
 ) -> _Rivals:
     """Fit a common drift, and a common step, to the lines.
 
@@ -230,9 +225,7 @@ def _rivals(
     about = width_s * np.linspace(-1.0, 1.0, N_STEPS)
 
     def best(columns: FloatArray) -> tuple[int, float]:
-        free = columns[:, None] - (
-            (weight * columns[:, None]).sum(axis=-1, keepdims=True) / total
-        )
+        free = columns[:, None] - ((weight * columns[:, None]).sum(axis=-1, keepdims=True) / total)
         size = np.maximum((weight * free**2).sum(axis=(1, 2)), 1e-300)
         along = (weight * free * left).sum(axis=(1, 2))
         first = int(np.argmax(along**2 / size))
@@ -266,11 +259,7 @@ def _compared(
         shortest = 2 / (mach * band.centre_hz) * band.rate_hz
         lengths = [round(shortest * 2**k) for k in range(N_LENGTHS)]
         time = start_s + np.arange(band.sound.size) / band.rate_hz
-        shifts = (
-            fit.law(time).shift[0],
-            np.zeros(time.size),
-            *rivals.shifts(time),
-        )
+        shifts = (fit.law(time).shift[0], np.zeros(time.size), *rivals.shifts(time))
         turn = 2j * np.pi * band.centre_hz / band.rate_hz
         readings = [band.sound * np.exp(-turn * np.cumsum(s)) for s in shifts]
         power = np.abs(band.sound) ** 2

@@ -41,9 +41,7 @@ from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.motion.alternatives import ENOUGH_SUB_BANDS
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
-from uwtrack_cli.motion.passage.checks.surface_image import (
-    LEAST_GAIN as LEAST_IMAGE_GAIN,
-)
+from uwtrack_cli.motion.passage.checks.surface_image import LEAST_GAIN as LEAST_IMAGE_GAIN
 from uwtrack_cli.motion.passage.checks.surface_image import (
     Image,
     correlation_sum,
@@ -238,14 +236,12 @@ def ask_the_parts(
     if told is None:
         return candidate.measured(as_given=1.0)
     return candidate.measured(
-        sub_bands=told.n_parts, sub_bands_agree=told.probability, sub_bands_gain=told.gain,
-    )  # fmt: skip
+        sub_bands=told.n_parts, sub_bands_agree=told.probability, sub_bands_gain=told.gain
+    )
 
 
 def ask_the_parts_of_all(
-    rises: Sequence[CandidatePassage],
-    levels: Sequence[Levels],
-    beside: Sequence[Rise] = (),
+    rises: Sequence[CandidatePassage], levels: Sequence[Levels], beside: Sequence[Rise] = ()
 ) -> list[CandidatePassage]:
     """Ask the parts about several rises, each beside those that are not refused.
 
@@ -358,8 +354,7 @@ def _told(parts: _Parts, own: Rise, over_squall: float) -> Agreement:
     _, together = _least(scaled, _law, centre, width_s)
     chi_square = _disagreement(np.array(told), np.array(information))
     gains = {
-        name: _least(scaled, shape, centre, width_s)[1] - together
-        for name, shape in RIVALS.items()
+        name: _least(scaled, shape, centre, width_s)[1] - together for name, shape in RIVALS.items()
     }
     gains |= {GAIN: _gain_over_law(parts, own), SQUALL: over_squall}
     rival = min(gains, key=lambda name: gains[name])
@@ -417,9 +412,8 @@ def _curvature(parts: _Parts, best: tuple[float, float]) -> FloatArray:
     """Return the information about place, in d/v, and ln of the width, shape (2, 2)."""
     steps = STEP * np.arange(-1, 2)
     cost = _costs(
-        parts,
-        _columns(parts, _law, best[0] + np.exp(best[1]) * steps, best[1] + steps),
-    ).reshape(3, 3)  # fmt: skip
+        parts, _columns(parts, _law, best[0] + np.exp(best[1]) * steps, best[1] + steps)
+    ).reshape(3, 3)
     mixed = (cost[2, 2] - cost[2, 0] - cost[0, 2] + cost[0, 0]) / 4
     second = [cost[0, 1] + cost[2, 1], cost[1, 0] + cost[1, 2]]
     own = np.maximum(np.array(second) - 2 * cost[1, 1], 1e-9)
@@ -441,17 +435,13 @@ def _exceeded(chi_square: float, degrees: int) -> float:
     """Return the probability that a chi-square of even degrees exceeds a value."""
     terms = np.arange(degrees // 2)
     half = 0.5 * chi_square
-    logs = terms * np.log(max(half, 1e-300)) - np.cumsum(
-        np.log(np.maximum(terms, 1))
-    )  # fmt: skip
+    logs = terms * np.log(max(half, 1e-300)) - np.cumsum(np.log(np.maximum(terms, 1)))
     return float(min(1.0, np.exp(logs - half).sum()))
 
 
 def _only(parts: _Parts, rows: list[int]) -> _Parts:
     return parts._replace(
-        power=parts.power[rows],
-        weight=parts.weight[rows],
-        edges_hz=parts.edges_hz[rows],
+        power=parts.power[rows], weight=parts.weight[rows], edges_hz=parts.edges_hz[rows]
     )
 
 
@@ -468,9 +458,7 @@ def _heard(levels: Levels) -> BoolArray:
     return np.asarray(np.isfinite(levels.part_excess_db).all(axis=1), np.bool_)
 
 
-def _parts(
-    levels: Levels, frames: BoolArray, width_s: float, beside: Sequence[Rise]
-) -> _Parts:
+def _parts(levels: Levels, frames: BoolArray, width_s: float, beside: Sequence[Rise]) -> _Parts:
     """Return the parts in some frames, with the laws of what passes beside."""
     excess_db = np.asarray(levels.part_excess_db, np.float64)[frames]
     power = 10 ** (excess_db.T / 10)
@@ -497,9 +485,7 @@ def _smooth(power: FloatArray, half: int) -> FloatArray:
     return np.maximum(np.array(total) / count, 1e-12)
 
 
-def _columns(
-    parts: _Parts, shape: Shape, place_s: FloatArray, log_width: FloatArray
-) -> FloatArray:
+def _columns(parts: _Parts, shape: Shape, place_s: FloatArray, log_width: FloatArray) -> FloatArray:
     """Return the shape at every place and width, shape (part or 1, place * width, n)."""
     lag = parts.time_s - place_s[:, None]
     u = (lag[:, None] / np.exp(log_width)[:, None]).reshape(-1, parts.time_s.size)
@@ -534,9 +520,7 @@ def _flat(parts: _Parts) -> float:
     return float(_costs(parts, np.zeros((1, 1, parts.time_s.size)))[0])
 
 
-def _grids(
-    centre: tuple[float, float], width_s: float, turn: int
-) -> tuple[FloatArray, FloatArray]:
+def _grids(centre: tuple[float, float], width_s: float, turn: int) -> tuple[FloatArray, FloatArray]:
     reach = np.linspace(-SPAN, SPAN, STEPS) * FINER**turn
     return centre[0] + width_s * reach, centre[1] + reach
 

@@ -86,11 +86,7 @@ class Image(NamedTuple):
 
 
 def find_image(
-    u: FloatArray,
-    power: FloatArray,
-    usual: FloatArray,
-    basis: FloatArray,
-    edges_hz: FloatArray,
+    u: FloatArray, power: FloatArray, usual: FloatArray, basis: FloatArray, edges_hz: FloatArray
 ) -> Image | None:
     """Return the reflection whose fringes the parts have; None without any.
 
@@ -101,11 +97,7 @@ def find_image(
 
 
 def likeliest_image(
-    u: FloatArray,
-    power: FloatArray,
-    usual: FloatArray,
-    basis: FloatArray,
-    edges_hz: FloatArray,
+    u: FloatArray, power: FloatArray, usual: FloatArray, basis: FloatArray, edges_hz: FloatArray
 ) -> tuple[Image, float]:
     """Return the reflection that explains the parts best, and what it gains, nepers.
 
@@ -147,13 +139,10 @@ def likeliest_image(
 
 
 def _columns(
-    images: list[Image], u: FloatArray, law: FloatArray,
-    edges_hz: FloatArray,
-) -> FloatArray:  # fmt: skip
+    images: list[Image], u: FloatArray, law: FloatArray, edges_hz: FloatArray
+) -> FloatArray:
     """Return the law with the fringes of each image, shape (part, image, n)."""
-    return np.array([
-        [law * image.pattern(u, *edges) for image in images] for edges in edges_hz
-    ])  # fmt: skip
+    return np.array([[law * image.pattern(u, *edges) for image in images] for edges in edges_hz])
 
 
 def _best(
@@ -172,9 +161,7 @@ def _beside(image: Image, step_s: float) -> list[Image]:
     return [
         image._replace(delay_s=image.delay_s + shift * step_s, strength=strength)
         for shift in np.linspace(-0.75, 0.75, 11).tolist()
-        for strength in np.clip(
-            image.strength + np.linspace(-0.3, 0.3, 7), -1, 1
-        ).tolist()
+        for strength in np.clip(image.strength + np.linspace(-0.3, 0.3, 7), -1, 1).tolist()
     ]
 
 

@@ -103,9 +103,7 @@ def _heights(level_db: FloatArray, width: float) -> tuple[FloatArray, FloatArray
         size = count[high] - count[low]
         # less than half of a side says little of it
         known = size > 0.5 * (last - first)
-        return np.where(
-            known, (total[high] - total[low]) / np.maximum(size, 1.0), np.nan
-        )
+        return np.where(known, (total[high] - total[low]) / np.maximum(size, 1.0), np.nan)
 
     middle = mean(-inner, inner)
     return middle - mean(-far, -near), middle - mean(near, far)

@@ -15,10 +15,7 @@ from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.least_squares import inverse_or_nan
 from uwtrack_cli.motion.passage.fit.doppler import DopplerSums
-from uwtrack_cli.motion.passage.fit.normal_equations import (
-    JointNormalEquations,
-    WeightedData,
-)
+from uwtrack_cli.motion.passage.fit.normal_equations import JointNormalEquations, WeightedData
 from uwtrack_cli.motion.passage.model.law import bounded_speed, slant_over_speed_s
 from uwtrack_cli.motion.passage.model.unknowns import heights_m, motion_places
 
@@ -121,9 +118,7 @@ def _or_nan(covariance: FloatArray, known: BoolArray) -> FloatArray:
     return np.where(sound[:, :, None] & sound[:, None, :], covariance, np.nan)
 
 
-def _rest_std(
-    data: WeightedData, doppler: DopplerSums, inner: FloatArray
-) -> FloatArray:
+def _rest_std(data: WeightedData, doppler: DopplerSums, inner: FloatArray) -> FloatArray:
     measured = data.shift_weight.sum(axis=-1) > 0
     moved = ((doppler.follow @ inner) * doppler.follow).sum(axis=-1)
     variance: FloatArray = np.where(measured, doppler.variance + moved, np.nan)

@@ -65,9 +65,7 @@ def consider_directivity(fit: PassageFit, blocks: Blocks) -> PassageFit:
     turn = slant_partials(fit.theta, fit.medium)[0]
     more = turn @ moved[:CHANGED]
     return replace(
-        fit,
-        full_covariance=full[None],
-        covariance=(fit.covariance[0] + more @ more.T)[None],
+        fit, full_covariance=full[None], covariance=(fit.covariance[0] + more @ more.T)[None]
     )
 
 

@@ -158,11 +158,7 @@ def _separate(sums: _Moments) -> DopplerSums:
 
 
 def _coupled(
-    sums: _Moments,
-    law: Passage,
-    shift: FloatArray,
-    weight: FloatArray,
-    loss: InformationLoss,
+    sums: _Moments, law: Passage, shift: FloatArray, weight: FloatArray, loss: InformationLoss
 ) -> DopplerSums:
     """Eliminate the rest frequencies together: coloured noise couples the lines."""
     total = weight.sum(axis=1)
@@ -178,9 +174,7 @@ def _coupled(
     factor = 1 + rest
     cost = sums.all[..., 0, 0].sum(axis=-1) - (lost_mean * mean).sum(axis=-1)
     cost = 0.5 * (cost - (rest * right).sum(axis=-1))
-    slope = -np.einsum("bkt,bk->bt", share, factor)[:, None, :] * np.swapaxes(
-        law.shift_d, -1, -2
-    )
+    slope = -np.einsum("bkt,bk->bt", share, factor)[:, None, :] * np.swapaxes(law.shift_d, -1, -2)
     lost = loss.times(slope)
     left = mean - np.einsum("bkt,bk->bt", basis, rest)
     with_e, with_q = sums.all[..., 0, 1:], sums.q[..., 1:]

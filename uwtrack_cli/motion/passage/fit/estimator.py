@@ -53,15 +53,8 @@ from uwtrack_cli.motion.passage.fit.residual_noise import (
     block_noises,
     rough_weight,
 )
-from uwtrack_cli.motion.passage.fit.source_patterns import (
-    source_patterns,
-    with_patterns,
-)
-from uwtrack_cli.motion.passage.model.law import (
-    SLOWEST_MPS,
-    Passage,
-    slant_over_speed_s,
-)
+from uwtrack_cli.motion.passage.fit.source_patterns import source_patterns, with_patterns
+from uwtrack_cli.motion.passage.model.law import SLOWEST_MPS, Passage, slant_over_speed_s
 from uwtrack_cli.motion.passage.model.measurements import NEPER_DB, Blocks
 from uwtrack_cli.motion.passage.model.unknowns import (
     CHANGED,
@@ -196,9 +189,7 @@ def fit_passage(
         theta, normal = _descend(theta, data, medium, state.law, 8, ROUGH_TOLERANCE)
         state = passage_state(theta, fixed, blocks, medium, weight, normal)
     longest = _longest_correlation_time_s(theta, blocks, medium)
-    noises = block_noises(
-        state.residual, blocks, longest, longest if with_coloured_noise else None
-    )
+    noises = block_noises(state.residual, blocks, longest, longest if with_coloured_noise else None)
     weight = weight_of(noises)
     data = weigh(state, weight, blocks, fixed)
     theta, normal = _descend(theta, data, medium, state.law, 25)
@@ -208,9 +199,7 @@ def fit_passage(
     return _result(theta, data, (blocks, medium), (state, noises, normal))
 
 
-def _unknowns(
-    start: FloatArray, blocks: Blocks, medium: Medium
-) -> tuple[FloatArray, Medium]:
+def _unknowns(start: FloatArray, blocks: Blocks, medium: Medium) -> tuple[FloatArray, Medium]:
     """Add the depth difference to the unknowns where it is not exactly known.
 
     Without Doppler there is no speed, and its place is taken by the depth difference
@@ -259,8 +248,7 @@ def take_rows(fit: PassageFit, one: IntArray | list[int]) -> PassageFit:
         Rows that are wanted.
     """
     noises = tuple(
-        type(noise)(*(getattr(noise, f.name)[one] for f in fields(noise)))
-        for noise in fit.noises
+        type(noise)(*(getattr(noise, f.name)[one] for f in fields(noise))) for noise in fit.noises
     )
     return PassageFit(
         fit.theta[one],
@@ -276,9 +264,7 @@ def take_rows(fit: PassageFit, one: IntArray | list[int]) -> PassageFit:
         fit.full_covariance[one],
         change=None
         if fit.change is None
-        else replace(
-            fit.change, time_s=fit.change.time_s[one], sign=fit.change.sign[one]
-        ),
+        else replace(fit.change, time_s=fit.change.time_s[one], sign=fit.change.sign[one]),
     )
 
 
@@ -316,9 +302,7 @@ def join_rows(fits: list[PassageFit]) -> PassageFit:
     return replace(fits[0], **joined, noises=together, change=change)
 
 
-def fit_with_coloured_noise(
-    fit: PassageFit, blocks: Blocks, *, rounds: int = 2
-) -> PassageFit:
+def fit_with_coloured_noise(fit: PassageFit, blocks: Blocks, *, rounds: int = 2) -> PassageFit:
     """Fit one data set again with the covariance of its coloured noise.
 
     Returned as it is where the noise is white and no levels are beside frequencies,
@@ -435,16 +419,13 @@ def _descend(
         return normal.cost, normal.gradient, normal.matrix
 
     found = damped_least_squares(
-        evaluate, theta, _limiter(medium, data.change), max_steps=max_steps,
-        tolerance=tolerance,
-    )  # fmt: skip
+        evaluate, theta, _limiter(medium, data.change), max_steps=max_steps, tolerance=tolerance
+    )
     trial, normal = last[0]
     return found, normal if trial is found else None
 
 
-def _longest_correlation_time_s(
-    theta: FloatArray, blocks: Blocks, medium: Medium
-) -> float:
+def _longest_correlation_time_s(theta: FloatArray, blocks: Blocks, medium: Medium) -> float:
     span = float(blocks.time_s[-1] - blocks.time_s[0])
     step = span / max(blocks.time_s.size - 1, 1)
     slant = _slant_s(theta, medium)
@@ -483,9 +464,7 @@ def _limiter(
             limited[:, HEIGHT] = height - theta[:, HEIGHT]
         if change is not None and change.kind == TURN:
             lasts = theta[:, CHANGED + 1]
-            limited[:, CHANGED + 1] = np.maximum(
-                limited[:, CHANGED + 1], SHORTEST_TURN_S - lasts
-            )
+            limited[:, CHANGED + 1] = np.maximum(limited[:, CHANGED + 1], SHORTEST_TURN_S - lasts)
         return limited
 
     return limit
@@ -572,9 +551,7 @@ def coloured_noises(
         others = _others(normals, number, columns.shape[1], data.is_free[0])
         noise = fit_coloured_noise(mean, size, data.time_s, columns, width, others)
         found.append(noise)
-        losses.append(
-            None if noise.is_white else information_loss(size, data.time_s, noise)
-        )
+        losses.append(None if noise.is_white else information_loss(size, data.time_s, noise))
     of_levels = losses[2]
     if not patterns.size:
         return tuple(found), (losses[0], losses[1], of_levels)

@@ -41,9 +41,7 @@ def shift_lengths_s(medium: Medium, width_s: float) -> tuple[float, ...]:
     return tuple(length for length in SHIFT_LENGTHS_S if length > SHORTEST * width_s)
 
 
-def frequency_steps(
-    time_s: FloatArray, middle_s: FloatArray, length_s: float
-) -> FloatArray:
+def frequency_steps(time_s: FloatArray, middle_s: FloatArray, length_s: float) -> FloatArray:
     """Return steps of unit height.
 
     Parameters
@@ -67,9 +65,7 @@ def frequency_steps(
     return steps
 
 
-def step_speeds(
-    time_s: FloatArray, middle_s: FloatArray, length_s: float
-) -> FloatArray:
+def step_speeds(time_s: FloatArray, middle_s: FloatArray, length_s: float) -> FloatArray:
     """Return how fast steps of unit height go on: their partials by the instant.
 
     Beside a step they leave its instant free, from one of a coarse grid.

@@ -354,15 +354,12 @@ def find_changed_estimates(
     slopes, products = np.array([pick[2:] for pick in picked]).reshape(-1, 2).T
     cell, number = np.array([pick[:2] for pick in picked], np.int64).reshape(-1, 2).T
     fast = -search.sound_speed_mps * slopes
-    theta = np.stack(
-        [grid.time[cell], np.log(grid.width[cell]), fast, search.floor[cell]], axis=-1
-    )
+    theta = np.stack([grid.time[cell], np.log(grid.width[cell]), fast, search.floor[cell]], axis=-1)
     theta[:, 1] = _horizontal(grid.width[cell], fast, medium)
     amount = (own[number] - slopes * products) / length[number]
     return ChangedEstimates(
-        theta, every.time_s[number], every.sign[number], amount,
-        search.others[cell], known_to_s,
-    )  # fmt: skip
+        theta, every.time_s[number], every.sign[number], amount, search.others[cell], known_to_s
+    )
 
 
 def _horizontal(width: FloatArray, speed: FloatArray, medium: Medium) -> FloatArray:
@@ -391,8 +388,7 @@ def _condense(blocks: Blocks) -> _Coarse:
     total = np.add.reduceat(level_weight.sum(axis=0), starts)
     return _Coarse(
         np.add.reduceat(time, starts) / count,
-        np.add.reduceat(shift_weight * shift, starts, axis=-1)
-        / np.where(weight > 0, weight, 1.0),
+        np.add.reduceat(shift_weight * shift, starts, axis=-1) / np.where(weight > 0, weight, 1.0),
         weight,
         np.add.reduceat(vector, starts),
         np.add.reduceat((level_weight * level).sum(axis=0), starts)

@@ -107,11 +107,7 @@ class LikelihoodRatio:
 
 
 def passage_likelihood_ratio(
-    fit: PassageFit,
-    blocks: Blocks,
-    false_alarm_probability: float,
-    *,
-    is_shown: bool = False,
+    fit: PassageFit, blocks: Blocks, false_alarm_probability: float, *, is_shown: bool = False
 ) -> LikelihoodRatio:
     """Weigh the fit of one data set against "nothing passes".
 
@@ -224,9 +220,7 @@ def motion_likelihood(blocks: Blocks, own: PassageFit, motion: PassageFit) -> fl
     return total
 
 
-def passage_residuals(
-    fit: PassageFit, blocks: Blocks
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def passage_residuals(fit: PassageFit, blocks: Blocks) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Subtract the passage from the measurements, but for its constants."""
     law = fit.law(blocks.time_s)
     angle = fit.turn[0] * law.angle[0] + np.deg2rad(fit.bearing_deg[0])
@@ -247,9 +241,7 @@ def resting_values(blocks: Blocks) -> tuple[FloatArray, FloatArray, FloatArray]:
     """
     bearing = blocks.bearing
     mean = _mean_direction(bearing.value[0], bearing.weight[0])
-    return (
-        blocks.shift.value[0], wrap_rad(bearing.value[0] - mean), blocks.level.value[0],
-    )  # fmt: skip
+    return (blocks.shift.value[0], wrap_rad(bearing.value[0] - mean), blocks.level.value[0])
 
 
 def _mean_direction(bearing: FloatArray, weight: FloatArray) -> float:
@@ -262,9 +254,7 @@ def is_wrapped(residual: FloatArray, weight: FloatArray) -> bool:
     return float(np.min(scatter, initial=np.inf)) > WIDEST_SCATTER_RAD
 
 
-def measured_series(
-    reading: FloatArray, weight: FloatArray, scale: FloatArray
-) -> Series:
+def measured_series(reading: FloatArray, weight: FloatArray, scale: FloatArray) -> Series:
     """Condense rows to one value per instant; a constant per row stays free.
 
     A row's constant enters an instant with the row's share of the weight.
@@ -311,10 +301,7 @@ def _gains(
             )
         ]
     likelihood = coloured_likelihoods(
-        [(moving, constants), *((still, columns) for columns in rivals)],
-        precision,
-        time,
-        width_s,
+        [(moving, constants), *((still, columns) for columns in rivals)], precision, time, width_s
     )
     return tuple((likelihood[0] - likelihood[1:]).tolist())
 

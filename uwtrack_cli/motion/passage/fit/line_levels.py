@@ -29,12 +29,7 @@ from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.passage.model.law import SLOWEST_MPS, Passage
 from uwtrack_cli.motion.passage.model.measurements import NEPER_DB, Blocks
-from uwtrack_cli.motion.passage.model.unknowns import (
-    Change,
-    heights_m,
-    law_of,
-    motion_places,
-)
+from uwtrack_cli.motion.passage.model.unknowns import Change, heights_m, law_of, motion_places
 
 REACH, BLOCK = 4.0, 0.125
 """d/v on either side of the closest approach whose levels are used, and over which they
@@ -110,8 +105,7 @@ class SurfaceImage:
         """
         scale = np.exp(self.std * np.array([-1.0, 0.0, 1.0]))
         reflection, product = (
-            part.reshape(-1, 1, 1)
-            for part in np.meshgrid(REFLECTIONS, self.depths_m2 * scale)
+            part.reshape(-1, 1, 1) for part in np.meshgrid(REFLECTIONS, self.depths_m2 * scale)
         )
         weight = np.outer([0.25, 0.5, 0.25], THEIR_WEIGHTS).ravel()
         near = np.exp(log_range)
@@ -229,9 +223,7 @@ def line_levels(
         return None
     time, value, share = means
     depths, std = _depths(medium)
-    image = SurfaceImage(
-        2 * np.pi * blocks.mean_hz[0] / medium.sound_speed_mps, depths, std
-    )
+    image = SurfaceImage(2 * np.pi * blocks.mean_hz[0] / medium.sound_speed_mps, depths, std)
     none = np.zeros((time.size, time.size))
     levels = LineLevels(time, value, share, image, float(np.log(slant)), none)
     law, residual, partials, cases = levels.rows(theta, medium, change)

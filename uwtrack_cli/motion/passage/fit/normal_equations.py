@@ -18,12 +18,7 @@ from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.estimation.robust import median_where
 from uwtrack_cli.motion.coloured_noise import InformationLoss
-from uwtrack_cli.motion.passage.fit.doppler import (
-    DopplerSums,
-    LineSums,
-    doppler_sums,
-    line_sums,
-)
+from uwtrack_cli.motion.passage.fit.doppler import DopplerSums, LineSums, doppler_sums, line_sums
 from uwtrack_cli.motion.passage.fit.line_levels import LineLevels
 from uwtrack_cli.motion.passage.fit.source_patterns import PatternLoss
 from uwtrack_cli.motion.passage.model.law import Passage
@@ -40,9 +35,7 @@ from uwtrack_cli.motion.passage.model.unknowns import (
 FLOOR_PRIOR_DEVIATION = 4.0
 """Weak prior of ln floor about its start, so that an invisible floor is harmless."""
 
-Losses = tuple[
-    InformationLoss | None, InformationLoss | None, InformationLoss | PatternLoss | None
-]
+Losses = tuple[InformationLoss | None, InformationLoss | None, InformationLoss | PatternLoss | None]
 """Information that coloured noise takes from each kind, and patterns of the source from
 levels; None is white noise."""
 
@@ -157,10 +150,7 @@ def passage_state(
     normal
         What was evaluated at these unknowns already, if anything.
     """
-    if normal is None:
-        law = law_of(theta, blocks.time_s, medium, fixed.change)
-    else:
-        law = normal.law
+    law = law_of(theta, blocks.time_s, medium, fixed.change) if normal is None else normal.law
     is_rough = weight is None
     if weight is None:
         weight = blocks.weight
@@ -277,9 +267,7 @@ def normal_equations(
     """
     if law is None:
         law = law_of(theta, data.time_s, medium, data.change)
-    doppler = doppler_sums(
-        law, data.shift, data.shift_weight, data.sums, data.losses[0]
-    )
+    doppler = doppler_sums(law, data.shift, data.shift_weight, data.sums, data.losses[0])
     full = _reduced(theta, law, data).sum(axis=1)
     cost = doppler.cost + 0.5 * full[:, 0, 0]
     gradient, matrix = full[:, 1:, 0], full[:, 1:, 1:]
@@ -314,9 +302,7 @@ def normal_equations(
     return JointNormalEquations(cost, gradient, matrix, doppler, law)
 
 
-def block_normals(
-    theta: FloatArray, data: WeightedData, law: Passage
-) -> list[NormalEquations]:
+def block_normals(theta: FloatArray, data: WeightedData, law: Passage) -> list[NormalEquations]:
     """Return the normal equations of frequencies, bearings and levels apart.
 
     Parameters
@@ -328,9 +314,7 @@ def block_normals(
     law
         The passage at these unknowns.
     """
-    doppler = doppler_sums(
-        law, data.shift, data.shift_weight, data.sums, data.losses[0]
-    )
+    doppler = doppler_sums(law, data.shift, data.shift_weight, data.sums, data.losses[0])
     places = motion_places(theta)
     gradient = np.zeros(theta.shape)
     gradient[:, places] = doppler.gradient

@@ -177,9 +177,7 @@ def marginalise(
         if np.isfinite(mean[place]):
             share = joint[2, 5 + place] ** 2 / (left * variance) if left > 0 else 0.0
             std = float(np.sqrt(max(left, 0.0)))
-            estimates.append(
-                NuisanceEstimate(name, float(mean[place]), std, float(share))
-            )
+            estimates.append(NuisanceEstimate(name, float(mean[place]), std, float(share)))
     return found, estimates
 
 

@@ -51,10 +51,7 @@ Noises = tuple[BlockNoise, BlockNoise, BlockNoise]
 
 
 def block_noises(
-    residual: FloatArray,
-    blocks: Blocks,
-    passage_s: float,
-    correlation_time_s: float | None,
+    residual: FloatArray, blocks: Blocks, passage_s: float, correlation_time_s: float | None
 ) -> Noises:
     """Judge the noise of the three kinds of measurement.
 

@@ -44,9 +44,7 @@ STEP_DEG, RATE_STEP_DEG = 1.0, 0.5
 next; frames are chosen short beside the passage."""
 
 
-def with_directions(
-    levels: Levels | None, directions: Directions | None
-) -> Levels | None:
+def with_directions(levels: Levels | None, directions: Directions | None) -> Levels | None:
     """Return levels with the bearings of an array.
 
     Parameters
@@ -70,10 +68,7 @@ def with_directions(
 
 
 def with_directions_of(
-    levels: Levels,
-    directions: Directions | None,
-    lines: Lines | None,
-    contacts: tuple[int, ...],
+    levels: Levels, directions: Directions | None, lines: Lines | None, contacts: tuple[int, ...]
 ) -> Levels:
     """Return levels with the bearings of the source that some contacts are.
 
@@ -102,9 +97,7 @@ def _beside_lines(directions: Directions, lines: Lines, known: BoolArray) -> Dir
     """Return of every frame the direction nearest to the lines, as its only one."""
     points = np.flatnonzero(known)
     points = points[np.argsort(lines.time_s[points], kind="stable")]
-    times, first, count = np.unique(
-        lines.time_s[points], return_index=True, return_counts=True
-    )
+    times, first, count = np.unique(lines.time_s[points], return_index=True, return_counts=True)
     variance = lines.bearing_covariance[points, 0, 0].astype(np.float64)
     weight = 1.0 / np.maximum(variance, 1e-6)
     turn = weight * np.exp(1j * np.radians(lines.bearing_deg[points]))
@@ -191,9 +184,7 @@ def sources_in_time(directions: Directions) -> IntArray:
     times, first = np.unique(directions.time_s, return_index=True)
     step_s = _step_s(directions)
     heard: list[_Heard] = []
-    for time_s, rows in zip(
-        times, np.split(np.arange(owner.size), first[1:]), strict=True
-    ):
+    for time_s, rows in zip(times, np.split(np.arange(owner.size), first[1:]), strict=True):
         bearing = directions.bearing_deg[rows]
         variance = directions.bearing_std_deg[rows] ** 2
         foreseen = [one.at((time_s - one.time_s) / step_s) for one in heard]
@@ -205,9 +196,7 @@ def sources_in_time(directions: Directions) -> IntArray:
             cost = (off**2 / total + np.log(total))[is_near]
             for pair in assign(numbers, places, cost):
                 number, k = int(numbers[pair]), places[pair]
-                heard[number] = foreseen[number].with_bearing(
-                    bearing[k], variance[k], time_s
-                )
+                heard[number] = foreseen[number].with_bearing(bearing[k], variance[k], time_s)
                 owner[rows[k]] = number
         for k in np.flatnonzero(owner[rows] < 0):
             owner[rows[k]] = len(heard)
@@ -245,15 +234,9 @@ class _Heard:
         noise = RATE_STEP_DEG**2 * white_acceleration(frames).matrix
         noise[0, 0] += STEP_DEG**2 * frames
         spread = forward @ self.spread @ forward.T + noise
-        return replace(
-            self,
-            bearing_deg=self.bearing_deg + frames * self.rate_deg,
-            spread=spread,
-        )
+        return replace(self, bearing_deg=self.bearing_deg + frames * self.rate_deg, spread=spread)
 
-    def with_bearing(
-        self, bearing_deg: float, variance_deg2: float, time_s: float
-    ) -> "_Heard":
+    def with_bearing(self, bearing_deg: float, variance_deg2: float, time_s: float) -> "_Heard":
         """Return what is known with one more bearing."""
         gain = self.spread[:, 0] / (self.spread[0, 0] + variance_deg2)
         off = float(wrap_deg(bearing_deg - self.bearing_deg))

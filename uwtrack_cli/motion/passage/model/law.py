@@ -126,9 +126,7 @@ def passage_law(
     """
     # plain numbers for one passage: much cheaper than arrays of one element
     one = parameters.ndim == 1
-    t0, log_q, v = (
-        parameters[k] if one else parameters[..., k, None] for k in range(3)
-    )
+    t0, log_q, v = (parameters[k] if one else parameters[..., k, None] for k in range(3))
     z = height_m if one or np.ndim(height_m) == 0 else np.asarray(height_m)[..., None]
     q = np.exp(log_q)
     speed, speed_v = bounded_speed(v)
@@ -229,9 +227,7 @@ def _angle(
     return by_log_q
 
 
-def _spread(
-    rows: FloatArray, parts: _Parts, r: FloatArray, mach: FloatArray, c: float
-) -> None:
+def _spread(rows: FloatArray, parts: _Parts, r: FloatArray, mach: FloatArray, c: float) -> None:
     gamma = 1 - mach**2
     over = 2 / (parts.h - mach * parts.lag)
     np.log((0.5 * r * gamma) * over, out=rows[..., 0, :])

@@ -70,9 +70,7 @@ class PassageData:
         return float(self.time_s[-1] - self.time_s[0]) if self.time_s.size else 0.0
 
 
-def condense(
-    data: PassageData, time_s: float, width_s: float, most: int = 1500
-) -> PassageData:
+def condense(data: PassageData, time_s: float, width_s: float, most: int = 1500) -> PassageData:
     """Keep what matters to a passage of a long series, averaged if need be.
 
     Parameters
@@ -232,10 +230,7 @@ def with_frequency(
     length_s = float(np.ptp(time_s))
     near = np.abs(data.time_s - 0.5 * (time_s[0] + time_s[-1])) <= 1.5 * length_s
     time = np.unique(np.concatenate([data.time_s[near], time_s]))
-    there, here = (
-        np.searchsorted(time, data.time_s[near]),
-        np.searchsorted(time, time_s),
-    )
+    there, here = (np.searchsorted(time, data.time_s[near]), np.searchsorted(time, time_s))
 
     def placed(value: FloatArray) -> FloatArray:
         full = np.full((*value.shape[:-1], time.size), np.nan)
@@ -296,9 +291,7 @@ def series_data(series: Series, contact: int) -> PassageData:
     )
 
 
-def _deviation(
-    std: FloatArray, value: FloatArray, period: float | None = None
-) -> FloatArray:
+def _deviation(std: FloatArray, value: FloatArray, period: float | None = None) -> FloatArray:
     """Take the scatter of neighbours where the table gives no deviation."""
     if np.isfinite(std).any() or not np.isfinite(value).any():
         return std
@@ -350,10 +343,7 @@ def _line_rows(
 
 
 def _line_levels(
-    lines: Lines,
-    points: IntArray,
-    at: tuple[IntArray, IntArray],
-    shape: tuple[int, int],
+    lines: Lines, points: IntArray, at: tuple[IntArray, IntArray], shape: tuple[int, int]
 ) -> FloatArray | None:
     """Return the levels of some points, freed of the noise in their cells."""
     level = heard_level_db(lines, points)
@@ -496,19 +486,14 @@ def make_blocks(data: PassageData) -> Blocks:
     )
     value = np.concatenate([pair[0] for pair in pairs], axis=1)
     std = np.concatenate(
-        [np.broadcast_to(_batched(std) * unit, v.shape) for v, std, unit in pairs],
-        axis=1,
+        [np.broadcast_to(_batched(std) * unit, v.shape) for v, std, unit in pairs], axis=1
     )
     known = np.isfinite(value) & (std > 0) & (std < np.inf)
     count = (pairs[0][0].shape[1], pairs[1][0].shape[1], pairs[2][0].shape[1])
     bearings = slice(count[0], count[0] + count[1])
     known[:, bearings] &= std[:, bearings] < ANY_BEARING_RAD
     heard = data.line_level_db
-    given = (
-        data.frequency_correlation,
-        data.bearing_correlation,
-        data.level_correlation,
-    )
+    given = (data.frequency_correlation, data.bearing_correlation, data.level_correlation)
     return Blocks(
         data.time_s,
         np.where(known, value, 0.0),

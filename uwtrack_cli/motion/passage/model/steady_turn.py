@@ -23,12 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.motion.passage.model.law import (
-    SLOWEST_MPS,
-    Emitted,
-    Passage,
-    received_rows,
-)
+from uwtrack_cli.motion.passage.model.law import SLOWEST_MPS, Emitted, Passage, received_rows
 
 NEWTON_STEPS = 3
 """Steps to the time of emission: each squares an error of a share of the Mach number."""
@@ -114,9 +109,7 @@ def with_steady_turn(
         toward = _direction(own, u) * own.v
         distance = np.sqrt(abs(place) ** 2 + height**2)
         closing = (place.real * toward.real + place.imag * toward.imag) / distance
-        u = u - (u + distance / sound_speed_mps - time_s) / (
-            1 + closing / sound_speed_mps
-        )
+        u = u - (u + distance / sound_speed_mps - time_s) / (1 + closing / sound_speed_mps)
     u = np.broadcast_to(u, (z.shape[0], time_s.size))
     place, way = _place(path, u), _direction(path, u)
     is_within = (u > path.begin) & (u < path.end)
@@ -255,8 +248,7 @@ def _partials(
         for size, sign in ((0.5, -1.0), (1.0, 1.0))
     )
     by_duration = tuple(
-        part - rate / duration * share
-        for part, share in zip(by_duration, by_rate, strict=True)
+        part - rate / duration * share for part, share in zip(by_duration, by_rate, strict=True)
     )
     return [
         (spin * (place - first) - v + none, spin * velocity, zero),

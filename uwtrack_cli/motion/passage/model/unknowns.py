@@ -27,12 +27,7 @@ TURN = "steady-turn"
 FREE_INSTANTS = (RAMP, TURN)
 """Changes whose instant is fitted with the other unknowns, the last of them."""
 
-CHANGE_STD = {
-    STEP: (0.02,),
-    RAMP: (2e-4, 1e4),
-    MANOEUVRE: (4.0, 4.0),
-    TURN: (1.5, 600.0, 1e4),
-}
+CHANGE_STD = {STEP: (0.02,), RAMP: (2e-4, 1e4), MANOEUVRE: (4.0, 4.0), TURN: (1.5, 600.0, 1e4)}
 """Deviations of the changes before the fit: share of all rest frequencies; the same per
 second, and the instant, s; velocity along and across the course, m/s; change of course
 in a steady turn, rad, how long it lasts, s, and its middle, s."""
@@ -87,9 +82,8 @@ class Change:
         if self.kind == MANOEUVRE:
             change = (self.time_s, self.sign, theta[:, CHANGED:])
             return with_other_leg(
-                straight, time_s, theta[:, :3], change, medium.sound_speed_mps,
-                theta[:, HEIGHT],
-            )  # fmt: skip
+                straight, time_s, theta[:, :3], change, medium.sound_speed_mps, theta[:, HEIGHT]
+            )
         if self.kind == TURN:
             return self.turned(theta, time_s, medium)
         count = CHANGED + self.std.size

@@ -27,14 +27,7 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.model.law import SLOWEST_MPS
-from uwtrack_cli.motion.passage.model.unknowns import (
-    CHANGED,
-    MANOEUVRE,
-    N_SIZES,
-    RAMP,
-    STEP,
-    TURN,
-)
+from uwtrack_cli.motion.passage.model.unknowns import CHANGED, MANOEUVRE, N_SIZES, RAMP, STEP, TURN
 
 STRAIGHT = "straight"
 """Reading of a passage beside which nothing changes."""
@@ -51,12 +44,7 @@ SPEED_MASS = float(
 )  # fmt: skip
 """Logarithm of the integral of `speed_prior`."""
 
-SIZES = {
-    STEP: (1e-4, 5e-2),
-    RAMP: (1e-4, 5e-2),
-    MANOEUVRE: (0.01, 2.0),
-    TURN: (0.02, np.pi),
-}
+SIZES = {STEP: (1e-4, 5e-2), RAMP: (1e-4, 5e-2), MANOEUVRE: (0.01, 2.0), TURN: (0.02, np.pi)}
 """Bounds of the sizes: share of all rest frequencies, the same at the far end of the
 measurements, change of velocity over the speed of the faster leg, and angle of a
 steady turn, rad."""

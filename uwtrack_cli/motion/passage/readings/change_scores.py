@@ -18,10 +18,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
-from uwtrack_cli.motion.passage.fit.likelihood_ratio import (
-    measured_series,
-    passage_residuals,
-)
+from uwtrack_cli.motion.passage.fit.likelihood_ratio import measured_series, passage_residuals
 from uwtrack_cli.motion.passage.fit.normal_equations import FLOOR_PRIOR_DEVIATION
 from uwtrack_cli.motion.passage.model.law import Passage
 from uwtrack_cli.motion.passage.model.measurements import Blocks
@@ -143,9 +140,7 @@ def score_changes(kind: str, fit: PassageFit, blocks: Blocks) -> Scores:
     # what the passage itself moves by when the change is let in
     slope = -((extra @ basis) / singular) @ turn / scale
     at_rest = ((value @ basis) / singular) @ turn / scale
-    moved = at_rest[: N_MOTION - 1] + np.einsum(
-        "ik,ikp->ip", size, slope[..., : N_MOTION - 1]
-    )
+    moved = at_rest[: N_MOTION - 1] + np.einsum("ik,ikp->ip", size, slope[..., : N_MOTION - 1])
     width = float(fit.range_over_speed_s[0])
     speed = float(fit.theta[0, 2])
     reach = np.array([FARTHEST_S * width, FARTHEST_LOG, 0.5 * abs(speed)])
@@ -191,9 +186,7 @@ def instants(kind: str, fit: PassageFit, blocks: Blocks) -> Change:
     return Change(kind, instants, sign)
 
 
-def _linearised(
-    change: Change, theta: FloatArray, fit: PassageFit, blocks: Blocks
-) -> _Linear:
+def _linearised(change: Change, theta: FloatArray, fit: PassageFit, blocks: Blocks) -> _Linear:
     straight = replace(fit, theta=theta[:1, :CHANGED]).law(blocks.time_s)
     every = Passage(np.repeat(straight.rows, theta.shape[0], axis=0))
     rows = change.law(every, theta, blocks.time_s, fit.medium).rows
@@ -225,6 +218,4 @@ def _linearised(
         values.append(root * value)
         bases.append(part)
         extras.append(partials[:, N_MOTION - 1 :])
-    return _Linear(
-        np.concatenate(values), np.concatenate(bases), np.concatenate(extras, axis=-1)
-    )
+    return _Linear(np.concatenate(values), np.concatenate(bases), np.concatenate(extras, axis=-1))

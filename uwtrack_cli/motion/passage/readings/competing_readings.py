@@ -38,14 +38,8 @@ from uwtrack_cli.motion.passage.fit.estimator import (
     join_rows,
     take_rows,
 )
-from uwtrack_cli.motion.passage.fit.initial_estimates import (
-    PassageSearch,
-    find_changed_estimates,
-)
-from uwtrack_cli.motion.passage.fit.likelihood_ratio import (
-    measured_series,
-    passage_residuals,
-)
+from uwtrack_cli.motion.passage.fit.initial_estimates import PassageSearch, find_changed_estimates
+from uwtrack_cli.motion.passage.fit.likelihood_ratio import measured_series, passage_residuals
 from uwtrack_cli.motion.passage.model.law import SLOWEST_MPS, slant_over_speed_s
 from uwtrack_cli.motion.passage.model.measurements import Blocks
 from uwtrack_cli.motion.passage.model.unknowns import (
@@ -58,16 +52,8 @@ from uwtrack_cli.motion.passage.model.unknowns import (
     TURN,
     Change,
 )
-from uwtrack_cli.motion.passage.readings.change_priors import (
-    STRAIGHT,
-    cost_of_change,
-    speed_prior,
-)
-from uwtrack_cli.motion.passage.readings.change_scores import (
-    Scores,
-    instants,
-    score_changes,
-)
+from uwtrack_cli.motion.passage.readings.change_priors import STRAIGHT, cost_of_change, speed_prior
+from uwtrack_cli.motion.passage.readings.change_scores import Scores, instants, score_changes
 from uwtrack_cli.motion.passage.readings.reading_mixture import SMALLEST_WEIGHT, mixed
 from uwtrack_cli.motion.passage.readings.still_readings import (
     cost_of_motion,
@@ -179,9 +165,7 @@ def read_passage(
     return weigh_readings(try_readings(fit, blocks, kinds), blocks)
 
 
-def try_readings(
-    fit: PassageFit, blocks: Blocks, kinds: tuple[str, ...] = CHANGES
-) -> Tried:
+def try_readings(fit: PassageFit, blocks: Blocks, kinds: tuple[str, ...] = CHANGES) -> Tried:
     """Fit the changes that gain enough beside a passage.
 
     Parameters
@@ -308,9 +292,7 @@ def weigh_readings(tried: Tried, blocks: Blocks) -> tuple[PassageFit, Reading]:
     return fit, reading._replace(change_time_std_s=time_std_s, log_odds=log_odds)
 
 
-def _evidences(
-    fits: list[PassageFit], searches: list[Scores | None], blocks: Blocks
-) -> FloatArray:
+def _evidences(fits: list[PassageFit], searches: list[Scores | None], blocks: Blocks) -> FloatArray:
     """Return the logarithm of the evidence of each reading, the straight one first.
 
     They count from the likelihood of the straight one. What bearings and levels tell has
@@ -373,8 +355,7 @@ def may_hide_passage(fit: PassageFit, blocks: Blocks, least: float) -> bool:
             alone = np.column_stack([constants, change])[kept]
             both = np.column_stack([alone, passage[kept]])
             spread = [
-                _weighed_misfit(series[kept], columns, precision[kept])
-                for columns in (alone, both)
+                _weighed_misfit(series[kept], columns, precision[kept]) for columns in (alone, both)
             ]
             n_values = np.count_nonzero(kept)
             white = 0.5 * n_values * np.log(spread[0] / max(spread[1], 1e-300))
@@ -389,9 +370,7 @@ def may_hide_passage(fit: PassageFit, blocks: Blocks, least: float) -> bool:
     return False
 
 
-def _weighed_misfit(
-    series: FloatArray, columns: FloatArray, precision: FloatArray
-) -> float:
+def _weighed_misfit(series: FloatArray, columns: FloatArray, precision: FloatArray) -> float:
     """Return the weighted sum of squares that constants and shapes leave."""
     root = np.sqrt(precision)
     scaled = columns * root[:, None]
@@ -490,9 +469,7 @@ def _with_best_instants(
     return fits, np.sqrt(square + step**2 / 12), step
 
 
-def _followed(
-    change: Change, cost: FloatArray, step: FloatArray, first: FloatArray
-) -> list[int]:
+def _followed(change: Change, cost: FloatArray, step: FloatArray, first: FloatArray) -> list[int]:
     """Return the rows that are worth following, the best ones first.
 
     Left out are those that came to where a better one is, and those whose instant is
@@ -604,9 +581,7 @@ def _mirrored(theta: FloatArray, time_s: FloatArray) -> FloatArray:
     return other
 
 
-def _fitted(
-    theta: FloatArray, change: Change, fit: PassageFit, blocks: Blocks
-) -> PassageFit:
+def _fitted(theta: FloatArray, change: Change, fit: PassageFit, blocks: Blocks) -> PassageFit:
     turn = np.repeat(fit.turn, theta.shape[0])
     # a start that a score test has thrown beyond the speed of sound has no law
     theta = theta.copy()
@@ -652,8 +627,7 @@ def _log_likelihoods(fits: list[PassageFit], blocks: Blocks) -> FloatArray:
     for number, block in enumerate(kinds):
         scale = np.min([fit.noises[number].scale[0] for fit in fits], axis=0)
         series = [
-            measured_series(residual[number], block.weight[0], scale)
-            for residual in residuals
+            measured_series(residual[number], block.weight[0], scale) for residual in residuals
         ]
         kept = series[0][3]
         if kept.any():

@@ -29,10 +29,7 @@ FLAT = [0, 4, 2, 3, 5]
 
 
 def mixed(
-    fits: list[PassageFit],
-    best: int,
-    chance: FloatArray,
-    unseen: list[tuple[float, Unseen]],
+    fits: list[PassageFit], best: int, chance: FloatArray, unseen: list[tuple[float, Unseen]]
 ) -> PassageFit:
     """Return the fit that is told, its covariance that of the mixture about it.
 

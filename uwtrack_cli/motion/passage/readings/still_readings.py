@@ -39,10 +39,7 @@ from uwtrack_cli.motion.passage.fit.likelihood_ratio import (
 from uwtrack_cli.motion.passage.fit.residual_noise import clip_wild
 from uwtrack_cli.motion.passage.model.measurements import Blocks
 from uwtrack_cli.motion.passage.model.unknowns import RAMP, STEP
-from uwtrack_cli.motion.passage.readings.change_priors import (
-    SIZES,
-    SPEED_MASS,
-)
+from uwtrack_cli.motion.passage.readings.change_priors import SIZES, SPEED_MASS
 
 COLOUR_COST = 3.0
 """What strength and memory of coloured noise cost, nepers: one in twenty of those that are
@@ -146,9 +143,7 @@ def still_evidences(
     for name in STILL:
         own = [
             float(value)
-            for variant, value in zip(
-                frequencies.variants, frequencies.values, strict=True
-            )
+            for variant, value in zip(frequencies.variants, frequencies.values, strict=True)
             if variant.reading == name
         ]
         if own:
@@ -175,9 +170,7 @@ def still_others(fit: PassageFit, blocks: Blocks) -> float:
         weight, scale = block.weight[0], fit.noises[number].scale[0]
         if block.is_empty or (number == 1 and is_wrapped(passing[1], weight)):
             continue
-        series, constants, precision, used = measured_series(
-            passing[number], weight, scale
-        )
+        series, constants, precision, used = measured_series(passing[number], weight, scale)
         still = measured_series(resting[number], weight, scale)[0]
         lag = _lag(blocks.time_s[used])
         moves, stays, drifts = likelihoods_by_noise(
@@ -275,9 +268,8 @@ def still_frequencies(fit: PassageFit, blocks: Blocks) -> StillFrequencies | Non
     def beside(change: str, shape: FloatArray, profile: FloatArray | None) -> Variant:
         size = _size(condensed, constants, precision, shape)
         return Variant(
-            MACHINERY, without(size * shape), _with(constants, shape), None, change,
-            profile,
-        )  # fmt: skip
+            MACHINERY, without(size * shape), _with(constants, shape), None, change, profile
+        )
 
     still = without(np.zeros(time_s.size))
     steps = _Steps(values, row_precision)
@@ -292,9 +284,7 @@ def still_frequencies(fit: PassageFit, blocks: Blocks) -> StillFrequencies | Non
         left = without(values - changed)
         gain = steps.gain_within(row, values[row] - changed[row], time_s, width_s)
         count = len(values)
-        variants.append(
-            Variant(JOINED, left, constants, None, STEP, profile, count, gain)
-        )
+        variants.append(Variant(JOINED, left, constants, None, STEP, profile, count, gain))
     white, coloured = likelihoods_by_noise(
         [(series, constants), *((one.series, one.columns) for one in variants)],
         precision, time_s, width_s, smooth=True,
@@ -356,9 +346,7 @@ class _Steps:
             found.append((changed, gain[row], int(row)))
         return found
 
-    def gain_within(
-        self, row: int, step: FloatArray, time_s: FloatArray, width_s: float
-    ) -> float:
+    def gain_within(self, row: int, step: FloatArray, time_s: FloatArray, width_s: float) -> float:
         """Return what a step of one line gains in its distance from the others.
 
         The distance has noise of its own, white or coloured: a line that wanders by
@@ -376,9 +364,8 @@ class _Steps:
         ]
         constant = np.ones((value.size, 1))
         white, coloured = likelihoods_by_noise(
-            [(one, constant) for one in left], precision, time_s[used], width_s,
-            smooth=True,
-        )  # fmt: skip
+            [(one, constant) for one in left], precision, time_s[used], width_s, smooth=True
+        )
         stays, steps = np.logaddexp(white, coloured - COLOUR_COST)
         return float(steps - stays)
 
@@ -392,9 +379,7 @@ class _Steps:
         has_both = (others > 0) & (self.precision > 0)
         safe = np.where(has_both, others, 1.0)
         value = np.where(has_both, centred - mean / safe, 0.0)
-        precision = np.where(
-            has_both, self.precision * others / np.maximum(total, 1e-300), 0.0
-        )
+        precision = np.where(has_both, self.precision * others / np.maximum(total, 1e-300), 0.0)
         return value, precision
 
     def _score(
@@ -440,9 +425,9 @@ def _ramp(
     """Return the likeliest ramp, and the gains of all."""
     first, last = np.quantile(time_s, [EDGE, 1 - EDGE])
     at = np.linspace(first, last, N_RAMPS)[:, None]
-    shapes = np.concatenate([
-        np.maximum(sign * (time_s - at), 0.0) / np.ptp(time_s) for sign in (1.0, -1.0)
-    ])  # fmt: skip
+    shapes = np.concatenate(
+        [np.maximum(sign * (time_s - at), 0.0) / np.ptp(time_s) for sign in (1.0, -1.0)]
+    )
     root = np.sqrt(precision)
     basis, size, _ = np.linalg.svd(constants * root[:, None], full_matrices=False)
     basis = basis[:, size > 1e-8 * size[0]]

@@ -27,18 +27,9 @@ from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.passage.fit.covariance import slant_partials
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.model.measurements import Blocks
-from uwtrack_cli.motion.passage.model.unknowns import (
-    CHANGE_STD,
-    MANOEUVRE,
-    N_SIZES,
-    RAMP,
-)
+from uwtrack_cli.motion.passage.model.unknowns import CHANGE_STD, MANOEUVRE, N_SIZES, RAMP
 from uwtrack_cli.motion.passage.readings.change_priors import ODDS, SIZES
-from uwtrack_cli.motion.passage.readings.change_scores import (
-    FARTHEST_LOG,
-    FARTHEST_S,
-    Scores,
-)
+from uwtrack_cli.motion.passage.readings.change_scores import FARTHEST_LOG, FARTHEST_S, Scores
 
 N_INNER, N_RADII, N_DIRECTIONS = 6, 32, 16
 """Sizes of the grid below the lower bound and above it, and directions."""
@@ -124,9 +115,9 @@ def _grid(kind: str) -> tuple[FloatArray, FloatArray]:
     inner = np.linspace(0.0, low, N_INNER + 1)
     radius = np.append(0.5 * (inner[1:] + inner[:-1]), np.sqrt(outer[1:] * outer[:-1]))
     # the volume of the sphere below the lower bound counts as one over its dimension
-    mass = np.append(
-        np.diff((inner / low) ** count) / count, np.diff(np.log(outer))
-    ) / (float(np.log(high / low)) + 1 / count)
+    mass = np.append(np.diff((inner / low) ** count) / count, np.diff(np.log(outer))) / (
+        float(np.log(high / low)) + 1 / count
+    )
     toward = np.array([[1.0], [-1.0]])
     if count > 1:
         angle = 2 * np.pi * np.arange(N_DIRECTIONS) / N_DIRECTIONS

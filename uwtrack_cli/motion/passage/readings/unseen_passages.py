@@ -35,10 +35,7 @@ from uwtrack_cli.motion.passage.readings.change_priors import (
     VESSEL_MPS,
     VESSEL_STD_MPS,
 )
-from uwtrack_cli.motion.passage.readings.still_readings import (
-    StillFrequencies,
-    still_others,
-)
+from uwtrack_cli.motion.passage.readings.still_readings import StillFrequencies, still_others
 
 N_PASSAGES = 400
 """Passages that are tried."""
@@ -91,29 +88,21 @@ def unseen_passages(
             frequencies.time_s, frequencies.width_s,
             with_coloured_noise=variant.is_coloured is not False, smooth=True,
         )  # fmt: skip
-        found[variant.change or STRAIGHT].append(
-            float(value) + _log_mean(gains + others)
-        )
+        found[variant.change or STRAIGHT].append(float(value) + _log_mean(gains + others))
     # white and coloured noise are halves of one reading; instants of a change are not
     ways = {STRAIGHT: 1, STEP: len(found[STEP]), RAMP: len(found[RAMP])}
     return {
-        name: rest
-        + float(np.logaddexp.reduce(values) - np.log(ways[name]))
-        - ODDS.get(name, 0.0)
+        name: rest + float(np.logaddexp.reduce(values) - np.log(ways[name])) - ODDS.get(name, 0.0)
         for name, values in found.items()
         if values
     }
 
 
-def _gains(
-    number: int, shapes: FloatArray, fit: PassageFit, blocks: Blocks
-) -> FloatArray:
+def _gains(number: int, shapes: FloatArray, fit: PassageFit, blocks: Blocks) -> FloatArray:
     """Return what passages gain in bearings or levels over what stays."""
     block = (blocks.shift, blocks.bearing, blocks.level)[number]
     weight = block.weight[0]
-    if block.is_empty or (
-        number == 1 and is_wrapped(passage_residuals(fit, blocks)[1], weight)
-    ):
+    if block.is_empty or (number == 1 and is_wrapped(passage_residuals(fit, blocks)[1], weight)):
         return np.zeros(N_PASSAGES)
     still, constants, precision, used = measured_series(
         resting_values(blocks)[number], weight, fit.noises[number].scale[0]

@@ -15,19 +15,10 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.motion.target_motion.model import state_jacobian
-from uwtrack_cli.motion.target_motion.objective import (
-    loss_value,
-    loss_weight,
-    misfit,
-    residuals,
-)
+from uwtrack_cli.motion.target_motion.objective import loss_value, loss_weight, misfit, residuals
 from uwtrack_cli.motion.target_motion.observability import design_rows
 from uwtrack_cli.motion.target_motion.problem import Problem
-from uwtrack_cli.motion.target_motion.solvers.marquardt import (
-    DescentResult,
-    SearchBounds,
-    minimise,
-)
+from uwtrack_cli.motion.target_motion.solvers.marquardt import DescentResult, SearchBounds, minimise
 from uwtrack_cli.motion.target_motion.starts import StartCounts, multistart
 
 FIRST_ROWS = 10
@@ -137,9 +128,7 @@ def _sums_by_row(problem: Problem, fit: DescentResult, count: int) -> _Cumulativ
     past[4:, 4:] += np.diag(problem.rest_precision)
     vector[:, 4:] += problem.rest_precision * (r.rest_hz[0] - 1.0)
     value += r.prior_value(problem)[0]
-    return _CumulativeSums(
-        past + np.cumsum(fresh, axis=0), vector[count:], value[count:]
-    )
+    return _CumulativeSums(past + np.cumsum(fresh, axis=0), vector[count:], value[count:])
 
 
 def solve_recursive(

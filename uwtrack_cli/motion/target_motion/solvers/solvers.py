@@ -23,11 +23,7 @@ from uwtrack_cli.motion.target_motion.objective import misfit
 from uwtrack_cli.motion.target_motion.problem import Problem
 from uwtrack_cli.motion.target_motion.solvers.marquardt import SearchBounds, minimise
 from uwtrack_cli.motion.target_motion.solvers.recursive import solve_recursive
-from uwtrack_cli.motion.target_motion.starts import (
-    StartCounts,
-    minima_of,
-    multistart,
-)
+from uwtrack_cli.motion.target_motion.starts import StartCounts, minima_of, multistart
 
 SolverName = Literal["mle", "recursive", "genetic", "annealing"]
 Solver = Callable[[Problem, SearchBounds, IntArray, int], FloatArray]
@@ -39,9 +35,7 @@ TIE = 1e-3
 """Difference of the misfit that is ignored: the two sides of an array are equal."""
 
 
-def solve_mle(
-    problem: Problem, limits: SearchBounds, ends: IntArray, seed: int
-) -> FloatArray:
+def solve_mle(problem: Problem, limits: SearchBounds, ends: IntArray, seed: int) -> FloatArray:
     """Maximise the likelihood at every length, by multi-start descent."""
     del seed  # nothing is random here
     found: list[FloatArray] = []
@@ -93,14 +87,12 @@ def solve_globally(
 
         if search == "genetic":
             best = differential_evolution(
-                value, box, x0=place, rng=rng, vectorized=True, polish=False,
-                updating="deferred",
-            ).x  # fmt: skip
+                value, box, x0=place, rng=rng, vectorized=True, polish=False, updating="deferred"
+            ).x
         else:
             best = dual_annealing(
-                value, box, x0=place, rng=rng, no_local_search=True,
-                maxiter=ANNEALING_STEPS,
-            ).x  # fmt: skip
+                value, box, x0=place, rng=rng, no_local_search=True, maxiter=ANNEALING_STEPS
+            ).x
         fit = minimise(part, np.asarray(best)[np.newaxis], limits)
         found.append(fit.q[0])
         place = np.clip(fit.q[0], lower, upper)
