@@ -190,9 +190,9 @@ def examine_recording(
     passing = found
     shares, more = separate_sources(levels, passing, medium, false_alarm_probability, limits)
     if more and (passing or not _is_one(levels, more, terms)):
-        passing = _apart(passing, more, shares, (lines, parts), terms, rejected)
+        passing = _apart(passing, more, shares, (lines, parts), terms)
     elif not passing:
-        passing = _broadband_first(lines, levels, terms, rejected)
+        passing = _broadband_first(lines, levels, terms)
     if lines is not None and not terms.medium.is_air:
         numbers = [n for item in (*passing, *found, *rejected) for n in item.contacts]
         first = max([*numbers, int(lines.line_contact.max(initial=0))], default=0) + 1
@@ -403,7 +403,6 @@ def _apart(
     shares: list[Levels],
     heard: tuple[Lines | None, dict[int, Lines]],
     terms: SearchTerms,
-    rejected: list[CandidatePassage],
 ) -> list[CandidatePassage]:
     """Examine every passage with its own share of the broadband.
 
@@ -422,12 +421,7 @@ def _apart(
     asked = ask_the_parts_of_all(more, shares[first:], shown)
     pairs = zip(asked, shares[first:], strict=True)
     for passage, own in sorted(pairs, key=lambda pair: pair[0].fit.theta[0, 0]):
-        best = passage
-        if passage.passes:
-            best = _with_lines(passage, lines, free, own, terms)
-        else:
-            left = [item for item in rejected if set(item.contacts) <= set(free)]
-            best = _both(passage, left, lines, own, terms)
+        best = _with_lines(passage, lines, free, own, terms)
         free = [n for n in free if n not in best.contacts]
         if best is passage:
             number += 1
@@ -445,7 +439,7 @@ def _is_one(levels: Levels, several: list[CandidatePassage], terms: SearchTerms)
 
 
 def _broadband_first(
-    lines: Lines | None, levels: Levels, terms: SearchTerms, rejected: list[CandidatePassage]
+    lines: Lines | None, levels: Levels, terms: SearchTerms
 ) -> list[CandidatePassage]:
     """Examine the broadband, with the lines that fit it if any do.
 
@@ -456,44 +450,7 @@ def _broadband_first(
         alone = ask_the_parts(alone, levels)
     if alone is None or lines is None:
         return [alone] if alone else []
-    if not alone.passes:
-        return [_both(alone, rejected, lines, levels, terms)]
     return [_with_lines(alone, lines, contact_ids(lines), levels, terms)]
-
-
-def _both(
-    rise: CandidatePassage,
-    rejected: list[CandidatePassage],
-    lines: Lines | None,
-    levels: Levels,
-    terms: SearchTerms,
-) -> CandidatePassage:
-    """Judge a rise in doubt by the parts together with lines in doubt that agree.
-
-    Each shows the passage by itself, at one time and with one d/v, and neither is sure:
-    the joint fit is checked as any passage of lines and levels is.
-    """
-    if lines is None:
-        return rise
-    known = set(contact_ids(lines))
-
-    for item in rejected:
-        moves = not item.blocks.shift.is_empty and item.fit.theta[0, 2] > 0.0
-        if not (moves and set(item.contacts) <= known and agrees(rise, item)):
-            continue
-        own = with_directions_of(levels, terms.directions, lines, item.contacts)
-        joint = examine_from(
-            contact_data(_own_lines(lines, item), own, item.contacts),
-            (item.contacts, item.line_ids),
-            (item.fit.theta[:, :4], item.fit.turn), terms.medium, terms.probability,
-            item.other_turn,
-        )  # fmt: skip
-        if joint is None or not agrees(rise, joint):
-            continue
-        told = _checked(joint, lines, terms)
-        if told and told.passes:
-            return told
-    return rise
 
 
 def _with_patterns(
@@ -618,7 +575,7 @@ def _with_lines(
     levels: Levels,
     terms: SearchTerms,
 ) -> CandidatePassage:
-    """Add the lines that follow a passage which the broadband has shown."""
+    """Add the lines that follow a rise of the broadband, whether or not it passes alone."""
     best, gain = alone, SMALLEST_LINE_GAIN + np.log(max(len(contacts), 1))
     if lines is None or terms.asks_pattern:
         return alone
@@ -635,9 +592,8 @@ def _with_lines(
         told = _checked(joint, lines, terms) if own_gain > gain else None
         if told:
             best, gain = told, own_gain
-    # a line that follows by chance must not spoil what the broadband has shown
-    spoils = alone.passes and not best.passes
-    return alone if spoils else best
+    # neither may be sure alone; a line that follows by chance must not spoil what passes
+    return best if best.passes else alone
 
 
 def _gain_of_line(joint: CandidatePassage, alone: CandidatePassage) -> float:
