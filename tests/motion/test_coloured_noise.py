@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from uwtrack_cli.estimation.robust import bisquare_weight, median_scale, neighbour_scale
+from uwtrack_cli.estimation.row_offsets import Design
 from uwtrack_cli.motion.coloured_noise import (
     ColouredNoise,
     fit_coloured_noise,
@@ -41,7 +42,7 @@ def test_what_has_inertia_is_told_from_what_has_none():
                 wave = rng.standard_normal((2, omega.size))
                 value = np.fft.irfft((wave[0] + 1j * wave[1]) * smooth_gain)
                 value = 5.0 * value[: TIME.size] / value.std()
-            one = [(value + rng.standard_normal(TIME.size), PASSAGE[3:].T)]
+            one = [(value + rng.standard_normal(TIME.size), Design.free(PASSAGE[3:].T))]
             every = [
                 likelihoods_by_noise(one, np.ones(TIME.size), TIME, 40.0, smooth=s)[1, 0]
                 for s in (True, False)

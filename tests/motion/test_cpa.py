@@ -351,8 +351,8 @@ def test_a_contact_whose_fit_fails_is_refused_with_its_reason_and_the_others_tol
     )  # fmt: skip
     with pytest.warns(UwtrackWarning, match=r"\(0 to 236 s\) is reported as no passage"):
         found = find_encounters(series=series)
-    assert found.contact.tolist()[0] == 1
-    assert abs(found.speed_mps[0] - 6.0) < 3.5 * found.speed_std_mps[0]
+    row = found.contact.tolist().index(1)
+    assert abs(found.speed_mps[row] - 6.0) < 3.5 * found.speed_std_mps[row]
     # which matrices are singular may depend on the machine
     failed = [reason for *_, reason in found.refusals() if "fit failed" in reason]
     assert failed

@@ -9,6 +9,7 @@ from scipy.integrate import quad
 
 from tests.draws.measured_passages import CLOSEST_S, bent
 from uwtrack_cli.acoustics.medium import Medium
+from uwtrack_cli.estimation.row_offsets import Design, mean_of_rows
 from uwtrack_cli.motion.passage.broadband_sum import (
     BroadbandSeries,
     KnownSources,
@@ -107,11 +108,20 @@ def test_passages_beside_changes_are_those_of_least_squares_over_all_pairs(kind,
         search.PassageSearch(data, grid, others, floor, SOUND_MPS), medium,
         Change(kind, instants, sign), n_starts=1,
     )  # fmt: skip
-    mean = (data.shift_weight * data.shift).sum(1) / data.shift_weight.sum(1)
     total = data.shift_weight.sum(0)
-    value = (data.shift_weight * (data.shift - mean[:, None])).sum(0) / total
-    constants = (data.shift_weight / total).T
-    resting = least(constants, value, total)[0]
+    value, offsets = mean_of_rows(data.shift, data.shift_weight)
+    known = np.diag(offsets.known)[offsets.known > 0]
+
+    def fit(kept, *shapes):
+        columns = np.column_stack([offsets.columns, *shapes])[kept]
+        own = np.pad(known, ((0, 0), (0, len(shapes))))
+        nothing, sure = np.zeros(len(own)), np.ones(len(own))
+        return least(
+            np.concatenate([columns, own]), np.append(value[kept], nothing),
+            np.append(total[kept], sure),
+        )  # fmt: skip
+
+    resting = fit(slice(None))[0]
     if kind == STEP:
         cells = np.flatnonzero((data.time >= instants[0]) & (data.time <= instants[-1]))
         instants, sign = data.time[cells], np.ones(cells.size)
@@ -122,8 +132,7 @@ def test_passages_beside_changes_are_those_of_least_squares_over_all_pairs(kind,
         kept = lag != 0.0 if kind == STEP else np.ones(lag.size, bool)
         for cell in range(grid.time.size):
             x = (data.time - grid.time[cell]) / grid.width[cell]
-            columns = np.column_stack([constants, shape, x / np.hypot(1, x)])[kept]
-            left, sizes = least(columns, value[kept], total[kept])
+            left, sizes = fit(kept, shape, x / np.hypot(1, x))
             speed = -SOUND_MPS * sizes[-1]
             if 0.0 < speed < 0.8 * SOUND_MPS:
                 gain = resting - left + others[cell]
@@ -366,7 +375,7 @@ def test_ramps_gain_what_least_squares_say():
     weight = rng.uniform(0.5, 2.0, 50)
     share = rng.uniform(0.0, 1.0, 50)
     constants = np.column_stack([share, 1 - share])
-    shape, gain = still._ramp(value, constants, weight, time)
+    shape, gain = still._ramp(value, Design.free(constants), weight, time)
     resting = least(constants, value, weight)[0]
     ends = np.quantile(time, [still.EDGE, 1 - still.EDGE])
     shapes = [
@@ -378,7 +387,7 @@ def test_ramps_gain_what_least_squares_say():
     best = shapes[int(np.argmax(gains))]
     np.testing.assert_allclose(shape, best / np.ptp(time))
     size = least(np.column_stack([constants, shape]), value, weight)[1][-1]
-    assert still._size(value, constants, weight, shape) == pytest.approx(size)
+    assert still._size(value, Design.free(constants), weight, shape) == pytest.approx(size)
 
 
 def test_a_motion_costs_its_prior_over_its_posterior():

@@ -6,6 +6,7 @@ from scipy.stats import multivariate_normal
 
 from studies.constants.still_readings import faint
 from tests.draws.measured_passages import SENSOR, STILL, draw
+from uwtrack_cli.estimation.row_offsets import Design
 from uwtrack_cli.motion.coloured_noise import gains_of_shapes
 from uwtrack_cli.motion.cpa import find_encounters
 
@@ -48,7 +49,7 @@ def test_the_gain_of_a_shape_is_that_of_the_normal_distribution():
     expected = normal.logpdf(value - free) - normal.logpdf(value)
     inflation = max(float((value**2).mean()) / std**2, 1.0)
     (gain,) = gains_of_shapes(
-        value, np.ones((100, 1)), shape[:, None], np.full(100, std**-2), time_s, 1.0,
+        value, Design.free(np.ones((100, 1))), shape[:, None], np.full(100, std**-2), time_s, 1.0,
         with_coloured_noise=False,
     )  # fmt: skip
     assert gain == pytest.approx(expected / inflation, rel=1e-6)

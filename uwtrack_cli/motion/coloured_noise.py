@@ -33,6 +33,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.least_squares import orthonormal
+from uwtrack_cli.estimation.row_offsets import Design, padded
 
 N_CORRELATION_TIMES = 7
 FEWEST_CELLS, MOST_CELLS = 60, 160
@@ -112,9 +113,10 @@ def fit_coloured_noise(
     -(ln|C| + ln|X' C^-1 X| + e' P e) / 2; V whitens, and the eigenvectors of K give it
     for every s^2 at once.
     """
-    if _too_few(precision, design):
+    if _too_few(precision, design.shape[1]):
         return WHITE
-    value, columns, size, time = _cells(residual, precision, time_s, design, width_s)
+    free = Design.free(design)
+    value, columns, size, time = _cells(residual, precision, time_s, free, width_s)
     columns = np.concatenate([columns, others[1]])
     basis = orthonormal(columns)
     value = np.concatenate([value, others[0]])
@@ -123,9 +125,9 @@ def fit_coloured_noise(
     variances = _variances(size)
     correlation_times, values, vectors = _spectra(size, time)
     likelihood, inflations = _likelihood(
-        _turn(vectors, value[:, None])[..., 0],
-        _turn(vectors, basis),
-        np.pad(values, ((0, 0), (0, others[0].size))),
+        _turn(vectors, value[None, :, None])[:, 0, :, 0],
+        _turn(vectors, basis[None])[:, 0],
+        padded(values, value.size),
         variances,
         freedom,
     )
@@ -161,15 +163,18 @@ def _variances(root: FloatArray) -> FloatArray:
 
 
 def _turn(vectors: FloatArray, rows: FloatArray) -> FloatArray:
-    """Turn the rows of the series into its eigenvectors; the others stay."""
+    """Turn rows of series into the eigenvectors of each correlation time; others stay.
+
+    Rows of shape (series, n + others, p) give results of shape (times, series, same).
+    """
     count = vectors.shape[-1]
-    turned = vectors.swapaxes(-1, -2) @ rows[:count]
-    others = np.broadcast_to(rows[count:], (len(vectors), *rows[count:].shape))
-    return np.concatenate([turned, others], axis=1)
+    turned = vectors.swapaxes(-1, -2)[:, None] @ rows[:, :count]
+    others = np.broadcast_to(rows[:, count:], (len(vectors), *rows[:, count:].shape))
+    return np.concatenate([turned, others], axis=-2)
 
 
 def coloured_likelihoods(
-    series: list[tuple[FloatArray, FloatArray]],
+    series: list[tuple[FloatArray, Design]],
     precision: FloatArray,
     time_s: FloatArray,
     width_s: float,
@@ -186,7 +191,7 @@ def coloured_likelihoods(
 
 
 def likelihoods_by_noise(
-    series: list[tuple[FloatArray, FloatArray]],
+    series: list[tuple[FloatArray, Design]],
     precision: FloatArray,
     time_s: FloatArray,
     width_s: float,
@@ -195,12 +200,12 @@ def likelihoods_by_noise(
 ) -> FloatArray:
     """Return the best log-likelihoods with white noise, and with coloured noise, too.
 
-    For each reading the residuals (n,) and the columns (n, p) that are free; coloured
+    For each reading the residuals (n,) and the columns that are free or known in part; coloured
     noise may have a slope at every instant where it may be ``smooth``: that is as likely
     as the other beforehand. White noise first, shape (2, readings); zeros where there is
     too little to tell.
     """
-    if any(_too_few(precision, columns) for _, columns in series):
+    if any(_too_few(precision, columns.n_free) for _, columns in series):
         return np.zeros((2, len(series)))
     cells = [_cells(e, precision, time_s, x, width_s) for e, x in series]
     root, time = cells[0][2:]
@@ -211,8 +216,9 @@ def likelihoods_by_noise(
     for kind, of_kind in enumerate(best):
         _, values, vectors = _spectra(root, time, smooth=kind > 0)
         for rows, value, columns in groups:
-            turned = value @ vectors, vectors.swapaxes(-1, -2)[:, None] @ columns
-            found = _best_variance(*turned, values[:, None], root)[0]
+            turned = _turn(vectors, value[..., None])[..., 0], _turn(vectors, columns)
+            eigen = padded(values, value.shape[-1])[:, None]
+            found = _best_variance(*turned, eigen, root)[0]
             of_kind[rows] = found.max(axis=0)
     mean = np.logaddexp.reduce(best, axis=0) - np.log(len(best))
     return np.stack([white, mean])
@@ -240,7 +246,7 @@ def _alike(
 
 def gains_of_shapes(
     residual: FloatArray,
-    columns: FloatArray,
+    columns: Design,
     shapes: FloatArray,
     precision: FloatArray,
     time_s: FloatArray,
@@ -251,25 +257,26 @@ def gains_of_shapes(
 ) -> FloatArray:
     """Return what shapes of given sizes gain beside a reading, in its own noise.
 
-    Beside residuals and free columns (n, p), shapes (n, shapes) are tried; the noise is
+    Beside residuals and the columns of a reading, shapes (n, shapes) are tried; the noise is
     white, or the reading's best coloured one, ``smooth`` ones among them. Gains in log-likelihood, shape (shapes,);
     zeros where there is too little to tell.
     """
-    if _too_few(precision, columns):
+    if _too_few(precision, columns.n_free):
         return np.zeros(shapes.shape[1])
-    both = np.concatenate([columns, shapes], axis=1)
-    value, both, root, time = _cells(residual, precision, time_s, both, width_s)
-    free, more = both[:, : columns.shape[1]], both[:, columns.shape[1] :]
+    whole = columns.beside(*shapes.T)
+    value, both, root, time = _cells(residual, precision, time_s, whole, width_s)
+    free, more = np.split(both, [columns.known.size], axis=1)
     free = orthonormal(free)
     weight = np.ones(value.size)
     if with_coloured_noise:
         kinds = [_spectra(root, time, smooth=kind) for kind in (False, True)[: 1 + smooth]]
         values, vectors = (np.concatenate([one[k] for one in kinds]) for k in (1, 2))
-        found, variance = _best_variance(
-            value @ vectors, vectors.swapaxes(-1, -2) @ free, values, root
-        )
+        every, values = np.column_stack([value, free]), padded(values, value.size)
+        turned = _turn(vectors, every[None])[:, 0]
+        found, variance = _best_variance(turned[..., 0], turned[..., 1:], values, root)
         best = int(np.argmax(found))
-        value, free, more = (vectors[best].T @ one for one in (value, free, more))
+        value, free = turned[best, :, 0], turned[best, :, 1:]
+        more = _turn(vectors[best : best + 1], more[None])[0, 0]
         weight = 1 / (1 + variance[best] * values[best])
     scale = np.sqrt(weight)
     free = orthonormal(free * scale[:, None])
@@ -280,19 +287,18 @@ def gains_of_shapes(
     return np.asarray((value @ more - 0.5 * (more**2).sum(axis=0)) / inflation)
 
 
-def _too_few(precision: FloatArray, design: FloatArray) -> bool:
-    """Return whether a design leaves too little of the measurements."""
-    return bool(np.count_nonzero(precision > 0) < design.shape[1] + FEWEST_MORE)
+def _too_few(precision: FloatArray, n_free: int) -> bool:
+    """Return whether so many free columns leave too little of the measurements."""
+    return bool(np.count_nonzero(precision > 0) < n_free + FEWEST_MORE)
 
 
 def _cells(
-    residual: FloatArray,
-    precision: FloatArray,
-    time_s: FloatArray,
-    design: FloatArray,
-    width_s: float,
+    residual: FloatArray, precision: FloatArray, time_s: FloatArray, design: Design, width_s: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Whitened means of cells of measurements: value, design, root size, time."""
+    """Whitened means of cells of measurements: value, design, root size, time.
+
+    Under value and design stand the rows of what is known of the design.
+    """
     used = np.flatnonzero(precision > 0)
     wanted = CELLS_PER_WIDTH * float(np.ptp(time_s)) / width_s
     count = int(np.clip(wanted, FEWEST_CELLS, MOST_CELLS))
@@ -301,10 +307,10 @@ def _cells(
     size = np.add.reduceat(weight, starts)
     root = np.sqrt(size)
     value = np.add.reduceat(weight * residual[used], starts) / root
-    columns = np.add.reduceat(weight[:, None] * design[used], starts, axis=0)
-    columns = columns / root[:, None]
+    columns = np.add.reduceat(weight[:, None] * design.columns[used], starts, axis=0)
+    columns = Design(columns / size[:, None], design.known).rows(root)
     time = np.add.reduceat(weight * time_s[used], starts) / size
-    return value, columns, root, time
+    return padded(value, len(columns)), columns, root, time
 
 
 def _white_likelihood(

@@ -17,7 +17,9 @@ import numpy as np
 
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.estimation.least_squares import orthonormal
 from uwtrack_cli.estimation.robust import median_scale, median_where, neighbour_scale
+from uwtrack_cli.estimation.row_offsets import Design, mean_of_rows, padded
 from uwtrack_cli.motion.passage.model.law import SLOWEST_MPS
 from uwtrack_cli.motion.passage.model.measurements import Blocks
 from uwtrack_cli.motion.passage.model.unknowns import STEP, Change
@@ -196,7 +198,7 @@ class _ChangedColumns(NamedTuple):
         if not self.left_out.size:
             return np.asarray(rows @ self.columns.T)
         # a step sums what follows it; its constants are no part of such rows
-        sums = np.cumsum(rows * root, axis=1)
+        sums = np.cumsum(rows[:, : root.size] * root, axis=1)
         whole = sums[:, -1:] - sums[:, self.left_out]
         own = self.columns[np.arange(self.left_out.size), self.left_out]
         return np.asarray(whole - rows[:, self.left_out] * (own / self.share))
@@ -299,15 +301,16 @@ def find_changed_estimates(
         Pairs that are wanted, with changes that are not neighbours.
     """
     data, grid, weight = search.data, search.grid, search.data.shift_weight
-    size = np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
-    centred = data.shift - (weight * data.shift).sum(axis=1, keepdims=True) / size
-    total = np.maximum(weight.sum(axis=0), 1e-300)
-    root = np.sqrt(np.where(weight.any(axis=0), total, 0.0))
-    basis = np.linalg.svd((weight / total * root).T, full_matrices=False)[0]
+    used, mean = weight.any(axis=0), np.zeros(data.time.size)
+    mean[used], offsets = mean_of_rows(data.shift[:, used], weight[:, used])
+    columns = np.zeros((used.size, offsets.known.size))
+    columns[used] = offsets.columns
+    root = np.sqrt(weight.sum(axis=0))
+    basis = orthonormal(Design(columns, offsets.known).rows(root))
 
     def free(rows: FloatArray) -> FloatArray:
-        left: FloatArray = rows * root - ((rows * root) @ basis) @ basis.T
-        return left
+        whole = padded(rows * root, len(basis))
+        return np.asarray(whole - (whole @ basis) @ basis.T)
 
     known_to_s = float(np.median(np.diff(np.unique(every.time_s))))
     apart_s = 2.5 * known_to_s
@@ -317,10 +320,10 @@ def find_changed_estimates(
         left_out = np.flatnonzero(inside & (root > 0))
         every = Change(STEP, data.time[left_out], np.ones(left_out.size))
         apart_s, known_to_s = known_to_s, float(np.median(np.diff(data.time)))
-    value = free((weight * centred).sum(axis=0) / total)
-    passing, columns = free(grid.x / grid.slant), free(every.shape(data.time))
+    value = free(mean)
+    passing, shapes = free(grid.x / grid.slant), free(every.shape(data.time))
     share = np.maximum(1 - (basis[left_out] ** 2).sum(axis=1), 1e-9)
-    changed = _ChangedColumns(columns, left_out, share)
+    changed = _ChangedColumns(shapes, left_out, share)
     own, length = changed.own(value)
 
     def beside(rows: slice) -> tuple[FloatArray, FloatArray, FloatArray]:

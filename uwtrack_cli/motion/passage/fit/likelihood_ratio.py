@@ -22,6 +22,7 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.estimation.robust import median_centred, median_scale, neighbour_scale
+from uwtrack_cli.estimation.row_offsets import Design, mean_of_rows
 from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.fit.gear_changes import (
@@ -36,8 +37,8 @@ from uwtrack_cli.motion.passage.model.unknowns import FLOOR, RAMP
 WIDEST_SCATTER_RAD = 1.2
 """Bearings that scatter more than this (69 degrees) carry no information: they wrap."""
 
-Series = tuple[FloatArray, FloatArray, FloatArray, BoolArray]
-"""Values of the instants used, columns of the rows' constants, precision, use."""
+Series = tuple[FloatArray, Design, FloatArray, BoolArray]
+"""Values of the instants used, columns of the rows' offsets, precision, use."""
 
 LEVELS_SHARE = 2.0 / 3.0
 """Share of the threshold that the levels of the lines may give at most, chosen: pumps
@@ -255,16 +256,12 @@ def is_wrapped(residual: FloatArray, weight: FloatArray) -> bool:
 
 
 def measured_series(reading: FloatArray, weight: FloatArray, scale: FloatArray) -> Series:
-    """Condense rows to one value per instant; a constant per row stays free.
-
-    A row's constant enters an instant with the row's share of the weight.
-    """
+    """Condense rows to one value per instant, less what the rows tell of their offsets."""
     precision = weight / scale[:, None] ** 2
     total = precision.sum(axis=0)
     used = total > 0
-    share = precision[:, used] / total[used]
     clipped = clip_wild(median_centred(reading, weight), precision)
-    return (share * clipped[:, used]).sum(axis=0), share.T, total[used], used
+    return *mean_of_rows(clipped[:, used], precision[:, used]), total[used], used
 
 
 def _gains(
@@ -283,16 +280,16 @@ def _gains(
     rivals = [constants]
     if changes is None:
         lag = (time - time.mean()) / unit
-        rivals.append(np.concatenate([constants, lag[:, None]], axis=1))
+        rivals.append(constants.beside(lag))
     else:
-        rivals += [_broken(constants, time > at) for at in changes.breaks_s]
+        rivals += [constants.beside((time > at).astype(float)) for at in changes.breaks_s]
         rivals += [
-            np.column_stack([constants, np.maximum(sign * (time - at), 0.0) / unit])
+            constants.beside(np.maximum(sign * (time - at), 0.0) / unit)
             for at in changes.bends_s
             for sign in (1.0, -1.0)
         ]
         rivals += [
-            np.column_stack([constants, step, speed])
+            constants.beside(step, speed)
             for length in changes.shift_lengths_s
             for step, speed in zip(
                 frequency_steps(time, changes.shifts_s, length),
@@ -325,13 +322,6 @@ def _changes(fit: PassageFit, time_s: FloatArray) -> _Changes:
     is_ramp = fit.change.kind == RAMP
     every = np.concatenate([near, more])
     return _Changes(every, more if is_ramp else more[:0], near[::2], lengths)
-
-
-def _broken(constants: FloatArray, is_late: BoolArray) -> FloatArray:
-    """Give every row one constant before a break and one behind it."""
-    halves = (constants * ~is_late[:, None], constants * is_late[:, None])
-    columns = np.concatenate(halves, axis=1)
-    return columns[:, columns.any(axis=0)]
 
 
 def _independent_places(blocks: Blocks) -> float:

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.estimation.row_offsets import padded
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.fit.likelihood_ratio import measured_series, passage_residuals
 from uwtrack_cli.motion.passage.fit.normal_equations import FLOOR_PRIOR_DEVIATION
@@ -103,6 +104,8 @@ class _Linear(NamedTuple):
     constants; shape (n, columns)."""
     extra: FloatArray
     """Columns of the changes, shape (changes, unknowns, n)."""
+    bearing: FloatArray
+    """What each column adds to the mean bearing, rad, shape (columns,)."""
 
 
 def score_changes(kind: str, fit: PassageFit, blocks: Blocks) -> Scores:
@@ -125,7 +128,8 @@ def score_changes(kind: str, fit: PassageFit, blocks: Blocks) -> Scores:
         theta[:, CHANGED + 1] = np.repeat(lasts, n_middles)
     theta[:, : fit.theta.shape[1]] = fit.theta
     theta[:, HEIGHT] = fit.height_m
-    value, base, extra = _linearised(change, theta, fit, blocks)
+    linear = _linearised(change, theta, fit, blocks)
+    value, base, extra = linear.value, linear.base, linear.extra
     scale = np.sqrt((base**2).sum(axis=0))
     scale[scale == 0] = 1.0
     basis, singular, turn = np.linalg.svd(base / scale, full_matrices=False)
@@ -151,16 +155,13 @@ def score_changes(kind: str, fit: PassageFit, blocks: Blocks) -> Scores:
     gain = 0.5 * (right * size).sum(axis=-1)
     return Scores(
         kind, gain, change.time_s, change.sign, theta, spacing, right, information,
-        np.swapaxes(_with_bearing(slope, blocks), 1, 2),
+        np.swapaxes(_with_bearing(slope, linear.bearing), 1, 2),
     )  # fmt: skip
 
 
-def _with_bearing(slope: FloatArray, blocks: Blocks) -> FloatArray:
+def _with_bearing(slope: FloatArray, bearing: FloatArray) -> FloatArray:
     """Return partials of the motion, the depth difference and the bearing in degrees."""
-    first = N_MOTION + blocks.shift.value.shape[1]
-    weight = blocks.bearing.weight[0].sum(axis=-1)
-    share = weight / max(float(weight.sum()), 1e-300)
-    turned = np.rad2deg(slope[..., first : first + weight.size] @ share)
+    turned = np.rad2deg(slope @ bearing)
     return np.concatenate([slope[..., : N_MOTION - 1], turned[..., None]], axis=-1)
 
 
@@ -197,9 +198,9 @@ def _linearised(change: Change, theta: FloatArray, fit: PassageFit, blocks: Bloc
     base = np.zeros((2, N_MOTION + sum(block.value.shape[1] for block in kinds)))
     base[0, N_MOTION - 2] = 1 / max(fit.medium.height_std_m, SMALLEST_HEIGHT_STD_M)
     base[1, N_MOTION - 1] = 1 / FLOOR_PRIOR_DEVIATION
-    values, bases = [np.zeros(2)], [base]
-    extras = [np.zeros((theta.shape[0], change.std.size, 2))]
-    begin = N_MOTION
+    values, bases = list[FloatArray]([np.zeros(2)]), [base]
+    extras = list[FloatArray]([np.zeros((theta.shape[0], change.std.size, 2))])
+    begin, bearing = N_MOTION, np.zeros(base.shape[1])
     for number, (residual, block, noise) in enumerate(
         zip(passage_residuals(fit, blocks), kinds, fit.noises, strict=True)
     ):
@@ -208,14 +209,20 @@ def _linearised(change: Change, theta: FloatArray, fit: PassageFit, blocks: Bloc
         )
         root = np.sqrt(precision)
         partials = (rows[:, number, 1:] * factors[number])[..., kept] * root
-        part = np.zeros((value.size, base.shape[1]))
-        part[:, : N_MOTION - 1] = partials[0, : N_MOTION - 1].T
+        offsets = constants.rows(root)
+        part = np.zeros((len(offsets), base.shape[1]))
+        part[: value.size, : N_MOTION - 1] = partials[0, : N_MOTION - 1].T
         if number == 2:
-            part[:, N_MOTION - 1] = root * (1 - share[kept])
-        end = begin + constants.shape[1]
-        part[:, begin:end] = root[:, None] * constants
+            part[: value.size, N_MOTION - 1] = root * (1 - share[kept])
+        end = begin + offsets.shape[1]
+        part[:, begin:end] = offsets
+        if number == 1:
+            mean = precision @ constants.columns
+            bearing[begin:end] = mean / max(float(precision.sum()), 1e-300)
         begin = end
-        values.append(root * value)
+        values.append(padded(root * value, len(offsets)))
         bases.append(part)
-        extras.append(partials[:, N_MOTION - 1 :])
-    return _Linear(np.concatenate(values), np.concatenate(bases), np.concatenate(extras, axis=-1))
+        extras.append(padded(partials[:, N_MOTION - 1 :], len(offsets)))
+    return _Linear(
+        np.concatenate(values), np.concatenate(bases), np.concatenate(extras, axis=-1), bearing
+    )

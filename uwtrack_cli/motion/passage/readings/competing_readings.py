@@ -29,6 +29,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.presence import STILL
+from uwtrack_cli.estimation.row_offsets import Design, padded
 from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
 from uwtrack_cli.motion.passage.fit.estimator import (
     PassageFit,
@@ -352,8 +353,8 @@ def may_hide_passage(fit: PassageFit, blocks: Blocks, least: float) -> bool:
         ):
             # the instant is known to a step of the search: what lies there is left out
             kept = abs(time_s - at) > found.known_to_s
-            alone = np.column_stack([constants, change])[kept]
-            both = np.column_stack([alone, passage[kept]])
+            alone = constants.beside(change).of(kept)
+            both = alone.beside(passage[kept])
             spread = [
                 _weighed_misfit(series[kept], columns, precision[kept]) for columns in (alone, both)
             ]
@@ -370,12 +371,13 @@ def may_hide_passage(fit: PassageFit, blocks: Blocks, least: float) -> bool:
     return False
 
 
-def _weighed_misfit(series: FloatArray, columns: FloatArray, precision: FloatArray) -> float:
+def _weighed_misfit(series: FloatArray, columns: Design, precision: FloatArray) -> float:
     """Return the weighted sum of squares that constants and shapes leave."""
     root = np.sqrt(precision)
-    scaled = columns * root[:, None]
-    share, *_ = np.linalg.lstsq(scaled, series * root, rcond=None)
-    return float(((series * root - scaled @ share) ** 2).sum())
+    rows = columns.rows(root)
+    value = padded(series * root, len(rows))
+    share, *_ = np.linalg.lstsq(rows, value, rcond=None)
+    return float(((value - rows @ share) ** 2).sum())
 
 
 def _time_std_s(tried: Tried, same: BoolArray, best: int, chance: FloatArray) -> float:

@@ -28,6 +28,8 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.presence import CONSTANT, JOINED, MACHINERY, STILL
+from uwtrack_cli.estimation.least_squares import orthonormal
+from uwtrack_cli.estimation.row_offsets import Design, padded
 from uwtrack_cli.motion.coloured_noise import likelihoods_by_noise
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.fit.likelihood_ratio import (
@@ -66,8 +68,8 @@ class Variant(NamedTuple):
     """The reading that it is part of."""
     series: FloatArray
     """One value for each instant, shape (n,)."""
-    columns: FloatArray
-    """What is free, shape (n, p)."""
+    columns: Design
+    """What is free of it, or known in part."""
     is_coloured: bool | None
     """Whether its noise is coloured; None if it may be either."""
     change: str = ""
@@ -174,7 +176,7 @@ def still_others(fit: PassageFit, blocks: Blocks) -> float:
         still = measured_series(resting[number], weight, scale)[0]
         lag = _lag(blocks.time_s[used])
         moves, stays, drifts = likelihoods_by_noise(
-            [(series, constants), (still, constants), (still, _with(constants, lag))],
+            [(series, constants), (still, constants), (still, constants.beside(lag))],
             precision, blocks.time_s[used], width_s,
         ).max(axis=0)  # fmt: skip
         drifts -= _cost_of_size(drifts - stays, *DRIFTS[name])
@@ -263,21 +265,20 @@ def still_frequencies(fit: PassageFit, blocks: Blocks) -> StillFrequencies | Non
         left[:, used] -= change
         return measured_series(left, weight, scale)[0]
 
-    condensed = (values * constants.T).sum(axis=0)
+    still = without(np.zeros(time_s.size))
 
     def beside(change: str, shape: FloatArray, profile: FloatArray | None) -> Variant:
-        size = _size(condensed, constants, precision, shape)
+        size = _size(still, constants, precision, shape)
         return Variant(
-            MACHINERY, without(size * shape), _with(constants, shape), None, change, profile
+            MACHINERY, without(size * shape), constants.beside(shape), None, change, profile
         )
 
-    still = without(np.zeros(time_s.size))
     steps = _Steps(values, row_precision)
     variants = [
         Variant(CONSTANT, still, constants, is_coloured=False),
         Variant(MACHINERY, still, constants, is_coloured=True),
         beside(RAMP, _lag(time_s), None),
-        beside(RAMP, *_ramp(condensed, constants, precision, time_s)),
+        beside(RAMP, *_ramp(still, constants, precision, time_s)),
         *(beside(STEP, late, profile) for late, profile in steps.shared()),
     ]
     for changed, profile, row in steps.of_one():
@@ -362,7 +363,7 @@ class _Steps:
             clip_wild(one - (precision @ one) / precision.sum(), precision)
             for one in (value, value - step[used])
         ]
-        constant = np.ones((value.size, 1))
+        constant = Design.free(np.ones((value.size, 1)))
         white, coloured = likelihoods_by_noise(
             [(one, constant) for one in left], precision, time_s[used], width_s, smooth=True
         )
@@ -408,19 +409,16 @@ def _middle(value: FloatArray, precision: FloatArray) -> FloatArray:
     return np.asarray((precision * value).sum(axis=1) / total)
 
 
-def _size(
-    value: FloatArray, constants: FloatArray, precision: FloatArray, shape: FloatArray
-) -> float:
+def _size(value: FloatArray, constants: Design, precision: FloatArray, shape: FloatArray) -> float:
     """Return the size of a change beside constants by least squares."""
-    root = np.sqrt(precision)[:, None]
-    found, *_ = np.linalg.lstsq(
-        np.column_stack([constants, shape]) * root, value * root[:, 0], rcond=None
-    )
+    root = np.sqrt(precision)
+    rows = constants.beside(shape).rows(root)
+    found, *_ = np.linalg.lstsq(rows, padded(value * root, len(rows)), rcond=None)
     return float(found[-1])
 
 
 def _ramp(
-    still: FloatArray, constants: FloatArray, precision: FloatArray, time_s: FloatArray
+    still: FloatArray, constants: Design, precision: FloatArray, time_s: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the likeliest ramp, and the gains of all."""
     first, last = np.quantile(time_s, [EDGE, 1 - EDGE])
@@ -429,11 +427,10 @@ def _ramp(
         [np.maximum(sign * (time_s - at), 0.0) / np.ptp(time_s) for sign in (1.0, -1.0)]
     )
     root = np.sqrt(precision)
-    basis, size, _ = np.linalg.svd(constants * root[:, None], full_matrices=False)
-    basis = basis[:, size > 1e-8 * size[0]]
-    free = shapes * root
+    basis = orthonormal(constants.rows(root))
+    free = padded(shapes * root, len(basis))
     free = free - (free @ basis) @ basis.T
-    value = still * root
+    value = padded(still * root, len(basis))
     gain = 0.5 * (free @ value) ** 2 / np.maximum((free**2).sum(axis=1), 1e-300)
     best = int(np.argmax(gain))
     return shapes[best], gain
@@ -459,10 +456,6 @@ def _cost_of_size(gain: float, low: float, high: float) -> float:
     deviations = np.sqrt(2 * max(float(gain), 0.0))
     mass = float(np.log(high / low)) + 1.0
     return max(float(np.log(max(2 * mass * deviations, 1.0) / np.sqrt(2 * np.pi))), 0.0)
-
-
-def _with(constants: FloatArray, column: FloatArray) -> FloatArray:
-    return np.column_stack([constants, column])
 
 
 def _lag(time_s: FloatArray) -> FloatArray:
