@@ -25,7 +25,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from uwtrack_cli.acoustics.medium import Medium
-from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.presence import STILL
 from uwtrack_cli.estimation.angles import wrap_rad
@@ -755,11 +755,12 @@ def split(
     false_alarm_probability
         Probability of a passage in noise alone.
     """
-    count = candidate.line_ids.size
-    if count < 2 * FEWEST_LINES or own_motion_gain(candidate).max() < SUSPICION:
+    gain = own_motion_gain(candidate)
+    if gain.size < 2 * FEWEST_LINES or gain.max() < SUSPICION:
         return [candidate]
-    owner = candidate.contacts, candidate.line_ids
-    return take_apart(candidate.data, owner, medium, false_alarm_probability) or [candidate]
+    owner, apart = (candidate.contacts, candidate.line_ids), gain > AGREEMENT
+    found = take_apart(candidate.data, owner, medium, false_alarm_probability, apart)
+    return found or [candidate]
 
 
 def take_apart(
@@ -767,6 +768,7 @@ def take_apart(
     owner: tuple[tuple[int, ...], IntArray],
     medium: Medium,
     false_alarm_probability: float,
+    apart: BoolArray | None = None,
 ) -> list[CandidatePassage]:
     """Divide the lines of a contact among two vessels, each with two lines or more.
 
@@ -780,6 +782,9 @@ def take_apart(
         Sound speed and depth difference.
     false_alarm_probability
         Probability of a passage in noise alone.
+    apart
+        Lines whose motion is not the common one, shape (lines,): the others are one vessel.
+        None if it is not known of any.
 
     Returns
     -------
@@ -789,7 +794,10 @@ def take_apart(
     count = owner[1].size
     if count < 2 * FEWEST_LINES:
         return []
-    groups = _groups(data, owner, medium, false_alarm_probability)
+    rows = np.arange(count)
+    alone = rows if apart is None else rows[apart]
+    pieces = [np.setdiff1d(rows, alone), *alone[:, None]]
+    groups = _groups(data, owner, medium, false_alarm_probability, pieces)
     whole = [item for item in groups if item.line_ids.size >= FEWEST_LINES]
     if len(whole) < 2:
         return []
@@ -848,27 +856,32 @@ def _projected(residual: FloatArray, weight: FloatArray, slope: FloatArray) -> F
 
 
 def _groups(
-    data: PassageData, owner: tuple[tuple[int, ...], IntArray], medium: Medium, probability: float
+    data: PassageData,
+    owner: tuple[tuple[int, ...], IntArray],
+    medium: Medium,
+    probability: float,
+    pieces: list[IntArray],
 ) -> list[CandidatePassage]:
-    """Fit each line alone, and together again those that agree; strongest first.
+    """Fit pieces of lines alone, and together again those that agree; strongest first.
 
-    A line goes with the motion that explains it best, once with those of single lines
+    A piece goes with the motion that explains it best, once with those of single pieces
     and once with those of the groups; one that none explains is left out.
     """
-    rows = np.arange(owner[1].size)
-    alone = [_of_rows(data, owner, rows[[n]], medium, probability) for n in rows]
-    lines = {n: item for n, item in enumerate(alone) if item is not None}
+    made = [
+        (rows, _of_rows(data, owner, rows, medium, probability)) for rows in pieces if rows.size
+    ]
+    known = [(rows, item) for rows, item in made if item is not None]
     leaders: list[CandidatePassage] = []
-    for item in sorted(lines.values(), key=lambda item: -item.likelihood_ratio.total):
+    for _, item in sorted(known, key=lambda one: -one[1].likelihood_ratio.total):
         if not any(agrees(item, leader) for leader in leaders):
             leaders.append(item)
     former: list[IntArray] = []
     for _ in range(N_ASSIGNMENTS):
-        chosen = np.full(rows.size, -1)
-        for n, item in lines.items():
+        chosen = np.full(owner[1].size, -1)
+        for rows, item in known:
             losses = [_loss(item, leader) for leader in leaders]
             if losses and min(losses) < AGREEMENT:
-                chosen[n] = int(np.argmin(losses))
+                chosen[rows] = int(np.argmin(losses))
         groups = [np.flatnonzero(chosen == number) for number in range(len(leaders))]
         if len(groups) == len(former) and all(map(np.array_equal, groups, former)):
             break
