@@ -1,7 +1,7 @@
 """Where odds and exponents of the decision come from, and how far probabilities are right.
 
 Draws recordings with vessels near the threshold (bounds of speed or R/v from 3 to 50 %),
-disturbed ones, motions that are not straight, vehicles in air, and recordings in which
+disturbed ones, ships of many teeth, motions that are not straight, vehicles in air, and those in which
 nothing passes; runs `auto` over them and keeps what was measured of every candidate, told
 or refused. A candidate is right where a vessel passes within three standard deviations of
 its time, or half of R/v, no quantity of the row is beyond five, and R/v is known to 50 %. The log
@@ -30,7 +30,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from tests.acceptance.outcomes import run
-from tests.draws import harder_motions, nothing_passes, other_sounds
+from tests.draws import harder_motions, nothing_passes, other_sounds, ship_sounds
 from tests.draws.passage_bounds import bounds
 from tests.draws.random_passages import draw_scenario
 from tests.draws.recordings import Drawn, Passage, of_scenario
@@ -103,7 +103,7 @@ N_ODDS, RIDGE, USUAL_EXPONENT = len(LOG_ODDS), 1.5, 0.15
 
 KINDS = (
     "near", "nothing", "other", "vehicle", "disturbed", "near again", "harder",
-    "standing", "other in air",
+    "standing", "other in air", "ships",
 )  # fmt: skip
 """Kinds of recordings, one of each for a seed."""
 
@@ -133,6 +133,8 @@ def drawn(kind: str, seed: int) -> Drawn:
         # a clip of what may be heard in air is as long as those of vehicles
         size = sound.size if kind == "other" else int(45 * rate)
         return Drawn(rate, sound[:size])
+    if kind == "ships":
+        return ship_sounds.draw(seed, 1 + seed % 2)
     if kind == "harder":
         kinds = harder_motions.KINDS
         return harder_motions.draw(kinds[seed % len(kinds)], seed)
