@@ -150,7 +150,10 @@ def score(rows: Sequence[dict[str, Any]], passages: Sequence[Passage]) -> Outcom
 
 
 def _false(row: dict[str, Any], why: str) -> dict[str, Any]:
-    return {"why": why, "status": row["status"], "time_s": row["time_s"]}
+    return {
+        "why": why, "status": row["status"], "time_s": row["time_s"],
+        "probability": row["probability"],
+    }  # fmt: skip
 
 
 def scored(value: float, better: str, slack: float) -> dict[str, Any]:

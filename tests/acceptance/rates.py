@@ -14,6 +14,7 @@ from tests.support import binomial_interval, poisson_interval
 
 DRAWN = ("quiet", "disturbed", "two-vessels", "harder", "ships", "vehicles")
 WITHOUT = ("nothing", "foreign")
+WITH = ("quiet", "disturbed", "two-vessels", "harder", "ships")
 WITHIN, MEDIAN_WITHIN, BEYOND = 1.96, 0.6745, 5.0
 """Standard deviations that hold 95 and 50 % of normal errors, and almost all."""
 
@@ -100,12 +101,17 @@ def over_bound(ratio: float, parts: Sequence[str], start: str = "", name: str = 
     return count
 
 
-def false_rows(parts: Sequence[str]) -> Count:
-    """Count false rows over hours."""
+SURE = 0.9
+"""Probability from which a row is as good as said to be of a vessel."""
+
+
+def false_rows(parts: Sequence[str], least: float = 0.0) -> Count:
+    """Count false rows of a probability, those that do not state any included, over hours."""
 
     def count(results: Results) -> Counted:
         cases = [one for part in parts for one in results.get(part, {}).values()]
-        return (sum(len(one.get("false", [])) for one in cases),
+        rows = [row for one in cases for row in one.get("false", [])]
+        return (sum(row.get("probability", 1.0) >= least for row in rows),
                 sum(one.get("hours", 0.0) for one in cases))  # fmt: skip
 
     return count
@@ -216,8 +222,9 @@ RATES: tuple[Rate, ...] = (
     _at_least("fringes: found", found(("fringes",)), ("fringes",), 0.95, 0.95, FRINGES),
     _each_hour("fringes: false rows an hour", false_rows(("fringes",)), ("fringes",), 0.0, 0.0, FRINGES),
     _at_least("fringes: within 1.96", within(WITHIN, ("fringes",)), ("fringes",), 0.92, 0.92, FRINGES),
-    _each_hour("without a vessel: rows an hour", false_rows(WITHOUT), WITHOUT, 1.02, 0.1, DECISION),
-    _each_hour("beside vessels: false rows an hour", false_rows(("quiet", "disturbed", "two-vessels", "harder", "ships")), ("quiet", "disturbed", "two-vessels", "harder", "ships"), 0.1, 0.1, DECISION),
+    _each_hour("without a vessel: rows an hour", false_rows(WITHOUT), WITHOUT, 1.02, 1.02, DECISION),
+    _each_hour("without a vessel: rows an hour of .9 and more", false_rows(WITHOUT, SURE), WITHOUT, 0.1, 0.1, DECISION),
+    _each_hour("beside vessels: false rows an hour of .9 and more", false_rows(WITH, SURE), WITH, 0.1, 0.1, DECISION),
     *_honest("drawn, one or two vessels", WITH_BOUND, "", "", HONEST, MEDIAN, DECISION),
     *_honest("harder and ships", ("harder", "ships"), "", "", HONEST, MEDIAN, DECISION),
     *_honest("vehicles", ("vehicles",), "", "", HONEST, MEDIAN, DECISION),
