@@ -14,7 +14,7 @@ PASSAGE = Passage(100.0, 5.0, 200.0, 80.0, "port", {"speed_mps": 0.1})
 
 def row(**changes):
     return {
-        "contact": 1, "status": "ok", "time_s": 100.1, "time_std_s": 0.2, "side": "port",
+        "contact": 1, "status": "ok", "probability": 0.95, "time_s": 100.1, "time_std_s": 0.2, "side": "port",
         "speed_mps": 5.05, "speed_std_mps": 0.15, "range_over_speed_s": 40.0,
         "range_over_speed_std_s": 0.5, "slant_range_m": None, "slant_range_std_m": None,
         "course_deg": 81.0, "course_std_deg": 2.0, **changes,
