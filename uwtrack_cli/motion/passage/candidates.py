@@ -219,6 +219,8 @@ def examine(
     line_ids: IntArray,
     medium: Medium,
     false_alarm_probability: float,
+    *,
+    only_straight: bool = False,
 ) -> CandidatePassage | None:
     """Fit one contact and keep it if it is significant.
 
@@ -234,8 +236,12 @@ def examine(
         Sound speed and depth difference.
     false_alarm_probability
         Probability of a passage in noise alone.
+    only_straight
+        Whether a passage that a change of frequencies hides is left there.
     """
-    found = fit_contact(data, contacts, line_ids, medium, false_alarm_probability)
+    found = fit_contact(
+        data, contacts, line_ids, medium, false_alarm_probability, only_straight=only_straight
+    )
     return found if isinstance(found, CandidatePassage) else None
 
 
@@ -245,6 +251,8 @@ def fit_contact(
     line_ids: IntArray,
     medium: Medium,
     false_alarm_probability: float,
+    *,
+    only_straight: bool = False,
 ) -> CandidatePassage | Unclaimed | None:
     """Fit one contact; None if too little of it was measured, or if the fit fails.
 
@@ -260,10 +268,16 @@ def fit_contact(
         Sound speed and depth difference.
     false_alarm_probability
         Probability of a passage in noise alone.
+    only_straight
+        Whether a passage that a change of frequencies hides is left there.
     """
     owner = contacts, line_ids
     return attempted(
-        lambda: _fit_alone(data, owner, medium, false_alarm_probability), contacts, data.time_s
+        lambda: _fit_alone(
+            data, owner, medium, false_alarm_probability, only_straight=only_straight
+        ),
+        contacts,
+        data.time_s,
     )
 
 
@@ -272,6 +286,8 @@ def _fit_alone(
     owner: tuple[tuple[int, ...], IntArray],
     medium: Medium,
     false_alarm_probability: float,
+    *,
+    only_straight: bool,
 ) -> CandidatePassage | Unclaimed | None:
     """Fit measurements from starts of their own."""
     thinned = thin(data)
@@ -285,8 +301,9 @@ def _fit_alone(
     if rough is None:
         return _nowhere(owner[0], blocks, medium)
     return _fit_from(
-        thinned, owner, (rough.theta, rough.turn), medium, false_alarm_probability, other
-    )
+        thinned, owner, (rough.theta, rough.turn), medium, false_alarm_probability, other,
+        only_straight=only_straight,
+    )  # fmt: skip
 
 
 def _nowhere(contacts: tuple[int, ...], blocks: Blocks, medium: Medium) -> Unclaimed | None:
@@ -348,6 +365,7 @@ def _fit_from(
     other_turn: float,
     *,
     is_shown: bool = False,
+    only_straight: bool = False,
 ) -> CandidatePassage | Unclaimed:
     """Fit measurements from a known start."""
     theta, turn = start
@@ -371,7 +389,7 @@ def _fit_from(
     is_passage = likelihood_ratio.is_passage and _is_resolved(fit, blocks, data)
     if not (moves_on and (is_passage or is_shown)):
         # a change of all frequencies larger than their Doppler shift hides a passage
-        if not may_hide_passage(fit, blocks, likelihood_ratio.threshold):
+        if only_straight or not may_hide_passage(fit, blocks, likelihood_ratio.threshold):
             return Unclaimed(owner[0], fit, blocks, None)
         straight, tried = fit, try_readings(fit, blocks, FREQUENCY_CHANGES)
         fit, reading = weigh_readings(tried, blocks)
@@ -914,7 +932,10 @@ def _of_rows(
         level_db=np.full_like(data.level_db, np.nan),
         line_level_db=None if level is None else level[rows],
     )
-    return examine(some, owner[0], owner[1][rows], medium, probability)
+    # a line alone is asked which motion it has, not what else may have happened to it
+    return examine(
+        some, owner[0], owner[1][rows], medium, probability, only_straight=rows.size == 1
+    )
 
 
 def _loss(item: CandidatePassage, other: CandidatePassage) -> float:
