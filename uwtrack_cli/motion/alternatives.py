@@ -17,7 +17,7 @@ MacKay (2003), Information Theory, ch. 28.
 """
 
 from collections.abc import Callable, Mapping
-from math import asinh, inf, isnan, log, nan, sqrt
+from math import asinh, inf, isnan, log, nan
 from typing import NamedTuple
 
 from uwtrack_cli.motion.association import PASSAGES_PER_HOUR
@@ -86,12 +86,11 @@ def stationary_levels(measured: Measured) -> float:
 def stationary_lines(measured: Measured) -> float:
     """Return what lines that rather stand still say of the contact as one vessel.
 
-    Lines of one machine wander together: their evidence grows as the root of their number.
+    Lines of one machine wander together: however many they are, they are one witness.
     """
-    share, count = value_of(measured, "stationary_share"), value_of(measured, "n_lines")
+    share = value_of(measured, "stationary_share")
     here, else_ = STATIONARY_LINES, OTHER_STATIONARY_LINES
-    one = share * log(here / else_) + (1.0 - share) * log((1 - here) / (1 - else_))
-    return sqrt(count) * one
+    return share * log(here / else_) + (1.0 - share) * log((1 - here) / (1 - else_))
 
 
 def stationary_source(measured: Measured) -> float:
