@@ -158,7 +158,10 @@ def marginalise(
     # slant range over speed keeps its value when speeds scale with the sound speed
     turn = np.zeros((count + 1, count))
     turn[:count] = np.eye(count)
-    turn[count, :5] = slant_partials(fit.theta, medium)[0, 1]
+    slope, own = slant_partials(fit.theta, medium)[0, 1], float(fit.covariance[0, 1, 1])
+    linear = float(slope @ inner[:5, :5] @ slope)
+    # of rivals one may pass overhead, where only the slant range is known
+    turn[count, :5] = slope * (np.sqrt(own / linear) if own > 0.0 < linear else 1.0)
     turn[2, 7] = speed / priors.mean[2] * float(known[2])
     turn[3, 8] = float(known[3])
     if fit.change is not None and fit.change.kind == MANOEUVRE:
