@@ -218,6 +218,9 @@ def _maxima(beams: Beams, floor: FloatArray, keep: FloatArray, sidelobe_db: floa
     is_peak = height >= power[beam - 1, frame, cell]
     is_peak &= height > power[beam + 1, frame, cell]
     is_peak &= height > share * power.max(axis=0)[frame, cell]
+    # one of the lobes of a line, which all lie at equal distances, stands for all of them
+    around = beams.cos_angle[beam] / beams.array.lobe_cosine(beams.frequency_hz[cell])
+    is_peak &= (around >= -0.5) & (around < 0.5)
     beam, frame, cell = beam[is_peak], frame[is_peak], cell[is_peak]
     order = np.lexsort((beam, cell, frame))
     return beam[order], frame[order], cell[order]

@@ -122,10 +122,19 @@ class LineArray:
             total += power / np.median(power)
         return np.asarray(total / frequency_hz.size)
 
+    def lobe_cosine(self, frequency_hz: FloatArray) -> FloatArray:
+        """Return the distance in the cosine of directions that look alike, c / (f d).
+
+        It is infinite for hydrophones at uneven distances, whose lobes are lower by half.
+        """
+        turn = np.exp(2j * np.pi * self.along_m / self.spacing_m)
+        if abs(turn.mean()) ** 2 < 0.5:
+            return np.full(np.shape(frequency_hz), np.inf)
+        return np.asarray(self.sound_speed_mps / (frequency_hz * self.spacing_m))
+
     def is_aliased(self, frequency_hz: FloatArray, cos_angle: FloatArray) -> BoolArray:
         """Tell whether a grating lobe of a direction is in view, |u -+ c/(f d)| <= 1."""
-        distance = self.sound_speed_mps / (frequency_hz * self.spacing_m)
-        return np.asarray(np.abs(cos_angle) >= distance - 1.0)
+        return np.asarray(np.abs(cos_angle) >= self.lobe_cosine(frequency_hz) - 1.0)
 
     def cosine_std(
         self, snr: FloatArray, frequency_hz: FloatArray, weights: FloatArray

@@ -194,6 +194,7 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
         navigation=navigation,
         solver=solver,
         array_heading=array_heading,
+        design_frequency_hz=_design_frequency_hz(bearing_time) if lines is not None else None,
         fixed_heading_deg=None if sensor is None else sensor.heading_deg,
         nuisances=_deviations(nuisances, sensor, is_moving, sound_speed_mps),
         height_m=_height(sensor) if reflected is None else reflected.height_m,
@@ -214,6 +215,13 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
         series, pairings = pair_contacts(series, analysis, contact_numbers)
         contacts = measurements_from_series(series)
     return motions_table(analyse_contacts(contacts, analysis), analysis, pairings)
+
+
+def _design_frequency_hz(bearing_time: BearingTime | None) -> float | None:
+    """Return that of a line array; others have no lobes at equal distances."""
+    if bearing_time is None or bearing_time.ambiguity != MIRROR:
+        return None
+    return bearing_time.design_frequency_hz
 
 
 def _prior(

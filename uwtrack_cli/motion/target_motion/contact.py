@@ -64,7 +64,7 @@ from uwtrack_cli.motion.target_motion.solvers.marquardt import (
     search_bounds,
 )
 from uwtrack_cli.motion.target_motion.solvers.solvers import SOLVERS
-from uwtrack_cli.motion.target_motion.starts import minima_of, multistart
+from uwtrack_cli.motion.target_motion.starts import UNIQUE_COSINE, minima_of, multistart
 
 
 @dataclass(frozen=True, eq=False)
@@ -434,6 +434,7 @@ def build_problem(data: Measurements, options: TmaOptions) -> Problem:
         sound_speed_mps=options.sound_speed_mps,
         delayed=options.delayed,
         array_heading_rad=heading,
+        lobe_cosine=_lobe_cosine(data, options.design_frequency_hz),
         loss=loss,
         frequency_share=share,
         height_m=options.height_m,
@@ -441,6 +442,13 @@ def build_problem(data: Measurements, options: TmaOptions) -> Problem:
         prior=options.prior,
         bounce=bounce,
     )
+
+
+def _lobe_cosine(data: Measurements, design_frequency_hz: float | None) -> FloatArray | None:
+    """Return the distance of the cosines that the array's lobes have, (streams, rows)."""
+    if design_frequency_hz is None or data.frequency_hz.shape != data.bearing_deg.shape:
+        return None
+    return np.nan_to_num(2.0 * design_frequency_hz / data.frequency_hz, nan=UNIQUE_COSINE)
 
 
 def _lines(
