@@ -64,7 +64,7 @@ from uwtrack_cli.motion.target_motion.solvers.marquardt import (
     search_bounds,
 )
 from uwtrack_cli.motion.target_motion.solvers.solvers import SOLVERS
-from uwtrack_cli.motion.target_motion.starts import UNIQUE_COSINE, minima_of, multistart
+from uwtrack_cli.motion.target_motion.starts import minima_of, multistart
 
 
 @dataclass(frozen=True, eq=False)
@@ -448,7 +448,10 @@ def _lobe_cosine(data: Measurements, design_frequency_hz: float | None) -> Float
     """Return the distance of the cosines that the array's lobes have, (streams, rows)."""
     if design_frequency_hz is None or data.frequency_hz.shape != data.bearing_deg.shape:
         return None
-    return np.nan_to_num(2.0 * design_frequency_hz / data.frequency_hz, nan=UNIQUE_COSINE)
+    usual_hz = np.nanmedian(data.frequency_hz, axis=1, keepdims=True)
+    return 2.0 * design_frequency_hz / np.where(
+        np.isnan(data.frequency_hz), usual_hz, data.frequency_hz
+    )
 
 
 def _lines(

@@ -65,9 +65,7 @@ def multistart(
     grid = start_grid(coarse, limits)
     chosen = _best_of_each_range(coarse, grid, counts.on_blocks)
     rough = minimise(coarse, chosen, limits, iterations=40, tolerance=1e-6)
-    usual = 1 if problem.array_heading_rad is None else 2
-    lobes = max(1, len(grid) // (usual * RANGES * SPEEDS * COURSES))
-    starts = _distinct(rough, counts.on_all * (lobes if usual == 2 else 1))
+    starts = _distinct(rough, counts.on_all)
     if extra is not None:
         starts = np.concatenate([starts, extra])
     final = minimise(problem, starts, limits)
