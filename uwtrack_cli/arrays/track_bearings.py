@@ -21,7 +21,7 @@ from typing import Annotated
 import numpy as np
 
 from uwtrack_cli.arrays.beam_peaks import BENT_DEG, SPARE_DB
-from uwtrack_cli.arrays.line_array import SIDELOBES_DB, angle_std_deg
+from uwtrack_cli.arrays.line_array import UNIFORM_SIDELOBE_DB, angle_std_deg
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.frames import Frames
@@ -171,7 +171,7 @@ def _averages(record: BearingTime, cos_angle: FloatArray, average_s: float) -> _
     power -= _background(power, record.diffuse_power)
     heading = np.nan_to_num(record.heading_deg)
     silent = ~np.isfinite(power).all(axis=1) | (record.bend_deg > BENT_DEG)
-    sidelobe_db = record.sidelobe_db or SIDELOBES_DB["uniform"]
+    sidelobe_db = record.sidelobe_db or UNIFORM_SIDELOBE_DB
     spare = 10.0 ** (-(sidelobe_db - SPARE_DB) / 10.0)
     time_s, found = [], []
     for number, start in enumerate(range(0, frames.n_frames, count)):
