@@ -126,10 +126,7 @@ def no_table() -> LineTable:
 
 
 def to_lines(
-    frames: Frames,
-    points: LinePoints,
-    table: LineTable,
-    scalars: dict[str, Any],
+    frames: Frames, points: LinePoints, table: LineTable, scalars: dict[str, Any]
 ) -> Lines:
     """Make the container of a block from final points and the table of lines.
 

@@ -192,6 +192,7 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     reflected = _bounce(series, sensor, bounce)
     analysis = TmaOptions(
         navigation=navigation,
+        towing=_towing(bearing_time, sensor),
         solver=solver,
         array_heading=array_heading,
         design_frequency_hz=_design_frequency_hz(bearing_time) if lines is not None else None,
@@ -281,6 +282,13 @@ def _deviations(
         correlation_time_s=given.correlation_time_s,
         is_usual_navigation=is_moving and (position is None or velocity is None),
     )
+
+
+def _towing(record: BearingTime | None, sensor: Sensor | None) -> Navigation | None:
+    """Return the way of the ship that tows the array; None: it is the array's own."""
+    if record is None or sensor is None or not sensor.tow_offset_m:
+        return None
+    return sensor.navigation
 
 
 def _array_navigation(

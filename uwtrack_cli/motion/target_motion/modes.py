@@ -334,6 +334,8 @@ class TmaOptions:
     """Whether the measurements come from a table, not from lines."""
     navigation: Navigation | None = None
     """Own ship; None for a platform that stands still."""
+    towing: Navigation | None = None
+    """The ship that tows the array whose way ``navigation`` is; None: nothing does."""
     solver: SolverName = "mle"
     """Name of the solver."""
     array_heading: str = "none"

@@ -33,6 +33,10 @@ LARGEST_SPEED_STD_MPS = 5.0
 LARGEST_COURSE_STD_RAD = np.radians(60.0)
 
 
+OWN_NOISE = "own ship: the sound comes from where the ship is that tows the array, without Doppler"
+"""Why nothing is stated of a contact that is the own ship."""
+
+
 def reasons_of(mode: ModeAnswer, answer: ContactAnswer) -> dict[str, str]:
     """Return why a value is not observable, by column."""
     observable = mode.observability.observable.copy()
@@ -65,6 +69,8 @@ def reasons_of(mode: ModeAnswer, answer: ContactAnswer) -> dict[str, str]:
         )
         if hidden
     }
+    if answer.is_own_noise:
+        reasons |= dict.fromkeys(("range_m", "speed_mps", "course_deg"), OWN_NOISE)
     now = dict(zip(NOW, MOTION, strict=True))
     return reasons | {key: reasons[of] for key, of in now.items() if of in reasons}
 
