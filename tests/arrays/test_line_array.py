@@ -94,6 +94,32 @@ def test_grating_lobes_are_seen_where_they_are(times_design, outside_deg):
     assert np.mean(aliased != wanted) < 2e-3
 
 
+def test_sidelobes_are_those_of_the_hydrophones_that_are_used():
+    array = line(16)
+    # Harris 1978, table 1, and Dolph 1946
+    for shading, published_db in (("uniform", 13.2), ("hann", 31.5), ("chebyshev", 30.0)):
+        found = array.sidelobe_db(array.weights(shading, 30.0))
+        assert found == pytest.approx(published_db, abs=0.1)
+    # a hole of one in N of equal weights: sin(N x / 2) / sin(x / 2) less one, over N - 1
+    weights = np.where(np.arange(16) == 8, 0.0, 1.0 / 15.0)
+    turn = np.linspace(2.0 * np.pi / 16, np.pi, 100_000)
+    pattern = np.sin(8 * turn) / np.sin(turn / 2) * np.exp(-7.5j * turn) - np.exp(-8j * turn)
+    past = np.abs(pattern) / 15.0
+    rising = np.flatnonzero(np.diff(past) > 0.0)[0]
+    assert array.sidelobe_db(weights) == pytest.approx(
+        -20 * np.log10(past[rising:].max()), abs=0.05
+    )
+    assert line(2).sidelobe_db(np.array([0.5, 0.5])) == 80.0
+
+
+def test_an_uneven_line_has_no_lobes_of_full_height():
+    even, uneven = (
+        LineArray(np.array(places), C) for places in ([0, 1, 2, 4, 5.0], [0, 1, 1.4, 3.7, 4.3])
+    )
+    assert even.lobe_cosine(np.array([1000.0])) == pytest.approx(1.5)
+    assert np.isinf(uneven.lobe_cosine(np.array([1000.0]))).all()
+
+
 def test_deviation_of_an_angle_stays_finite_at_the_ends():
     std = angle_std_deg(np.array([0.0, 1.0, -1.0, 1.0]), np.array([1e-3] * 3 + [9.0]))
     assert std[0] == pytest.approx(np.degrees(1e-3))

@@ -1,11 +1,11 @@
 """Scenes that are hard for a towed array, with what is true in them, and a score.
 
-`python -m tests.draws.hard_arrays SEED COUNT [KIND ...]` scores draws of each kind.
+`python -m tests.draws.hard_arrays SEED COUNT [KIND ...]` scores draws of each kind, and
+prints the contacts of a single draw.
 """
 
 import sys
 import warnings
-from dataclasses import replace
 from time import process_time
 from typing import NamedTuple
 
@@ -150,79 +150,76 @@ def analyse(kind, seed):
         made = run_recipe(heard, recipe)
     seconds = process_time() - begin
     (found,) = (item for item in made if isinstance(item, Motions))
-    return scenario, count, found, made, seconds
+    return scenario, count, found, seconds
 
 
-def misses(scenario, found, row, vessel):
-    """Return errors of range and bearing of a row over their deviations."""
-    time_s = np.array(found.time_s[row])
-    here = array_place(scenario.sensors[0], (0.0,) * 3).at(time_s)
-    there = vessel_trajectory(scenario.vessels[vessel], scenario).at(time_s)
+def truth_at(scenario, vessel, time_s):
+    """Return range, m, and bearing, degrees, of a vessel from the array."""
+    here = array_place(scenario.sensors[0], (0.0,) * 3).at(np.array(time_s))
+    there = vessel_trajectory(scenario.vessels[vessel], scenario).at(np.array(time_s))
     east, north = there[0] - here[0], there[1] - here[1]
-    off = np.hypot(east, north) - found.range_m[row]
-    turn = np.degrees(np.arctan2(east, north)) - found.bearing_deg[row]
-    turn = (turn + 180.0) % 360.0 - 180.0
-    return abs(off) / found.range_std_m[row], abs(turn) / found.bearing_std_deg[row]
+    return float(np.hypot(east, north)), float(np.degrees(np.arctan2(east, north)) % 360.0)
+
+
+def nearest(scenario, count, found, rows):
+    """Return the vessel that the modes of a contact miss least, in deviations of each."""
+    best = (np.inf, -1, (np.inf, np.inf))
+    for row in rows[found.observable[rows]]:
+        for vessel in range(count):
+            range_m, bearing_deg = truth_at(scenario, vessel, found.time_s[row])
+            off = abs(range_m - found.range_m[row]) / found.range_std_m[row]
+            turn = (bearing_deg - found.bearing_deg[row] + 180.0) % 360.0 - 180.0
+            turn = abs(turn) / found.bearing_std_deg[row]
+            best = min(best, (max(off, turn), vessel, (off, turn)))
+    return best
 
 
 def score(kind, seed, *, told=False):
-    """Score one scene; ``told``: print its contacts."""
-    scenario, count, found, _, seconds = analyse(kind, seed)
-    total = {"vessels": count, "seconds": seconds}
+    """Score one scene; ``told``: print its contacts and what is true."""
+    scenario, count, found, seconds = analyse(kind, seed)
+    total = Score(vessels=count, seconds=seconds)
     hits = set()
-    names = found.status if hasattr(found, "status") else None
     for contact in np.unique(found.contact):
         rows = np.flatnonzero((found.contact == contact) & (found.weight >= LIKELY))
-        best, own = (np.inf, -1, -1, ()), rows[found.observable[rows]]
-        for row in own:
-            for vessel in range(count):
-                off = misses(scenario, found, row, vessel)
-                best = min(best, (max(off), vessel, row, off), key=lambda one: one[0])
+        far, vessel, off = nearest(scenario, count, found, rows)
         if told:
-            for row in rows:
-                print(  # noqa: T201
-                    f"   {contact} mode {found.mode[row]} w {found.weight[row]:.2f} "
-                    f"R {found.range_m[row]:.0f}+-{found.range_std_m[row]:.0f} "
-                    f"B {found.bearing_deg[row]:.1f}+-{found.bearing_std_deg[row]:.1f} "
-                    f"V {found.speed_mps[row]:.1f} C {found.course_deg[row]:.0f} "
-                    f"t {found.time_s[row]:.0f}..{found.now_time_s[row]:.0f} "
-                    f"obs {found.observable[row]} {found.motion_model[row]} "
-                    f"n {found.n_values[row]} chi2 {found.misfit[row]:.0f} {names}"
-                    f" far {best[0]:.1f} of vessel {best[1]}"
-                )
-        if not own.size:
+            tell(found, rows, far, vessel)
+        if not found.observable[rows].any():
             continue
-        if best[0] < FAR:
-            hits.add(best[1])
-            total["matched"] = total.get("matched", 0) + 1
-            total["in_range"] = total.get("in_range", 0) + int(best[3][0] <= 1.96)
-            total["in_bearing"] = total.get("in_bearing", 0) + int(best[3][1] <= 1.96)
-        else:
-            total["false"] = total.get("false", 0) + 1
-    total["found"] = len(hits)
+        if far >= FAR:
+            total = total._replace(false=total.false + 1)
+            continue
+        hits.add(vessel)
+        within = [int(one <= 1.96) for one in off]
+        total = total._replace(
+            matched=total.matched + 1,
+            in_range=total.in_range + within[0],
+            in_bearing=total.in_bearing + within[1],
+        )
     if told:
-        for vessel in range(len(scenario.vessels)):
-            row = replace_truth(scenario, vessel)
-            print(f"   truth {vessel}: {row}")  # noqa: T201
-    return Score(**total)
+        for vessel, one in enumerate(scenario.vessels):
+            lines = [round(line.frequency_hz, 1) for line in one.lines]
+            print(f"   truth {vessel}:", truth_at(scenario, vessel, 0.0), one.track, lines)  # noqa: T201
+    return total._replace(found=len(hits))
 
 
-def replace_truth(scenario, vessel):
-    """Return range, bearing, speed and course of a vessel at time zero, in words."""
-    here = array_place(scenario.sensors[0], (0.0,) * 3).at(np.array(0.0))
-    there = vessel_trajectory(scenario.vessels[vessel], scenario).at(np.array(0.0))
-    east, north = there[0] - here[0], there[1] - here[1]
-    track = scenario.vessels[vessel].track
-    lines = [round(line.frequency_hz, 1) for line in scenario.vessels[vessel].lines]
-    return (
-        f"R {np.hypot(east, north):.0f} B {np.degrees(np.arctan2(east, north)) % 360.0:.1f} "
-        f"V {track.speed_mps:.1f} C {track.course_deg:.0f} lines {lines}"
-    )
+def tell(found, rows, far, vessel):
+    """Print the modes of a contact."""
+    for row in rows:
+        print(  # noqa: T201
+            f"   {found.contact[row]} mode {found.mode[row]} w {found.weight[row]:.2f} "
+            f"R {found.range_m[row]:.0f}+-{found.range_std_m[row]:.0f} "
+            f"B {found.bearing_deg[row]:.1f}+-{found.bearing_std_deg[row]:.1f} "
+            f"V {found.speed_mps[row]:.1f} C {found.course_deg[row]:.0f} "
+            f"{found.time_s[row]:.0f}..{found.now_time_s[row]:.0f} s, {found.motion_model[row]}, "
+            f"{found.n_values[row]} values, misfit {found.misfit[row]:.0f}; "
+            f"{far:.1f} deviations from vessel {vessel}"
+        )
 
 
 if __name__ == "__main__":
     first, number = int(sys.argv[1]), int(sys.argv[2])
     for which in sys.argv[3:] or KINDS:
-        one = [score(which, seed) for seed in range(first, first + number)]
-        worst = [first + k for k, each in enumerate(one) if each.false or each.found < each.vessels]
-        print(which, Score(*np.sum(one, 0).tolist()), "look at", worst, flush=True)  # noqa: T201
+        every = [score(which, first + k, told=number == 1) for k in range(number)]
+        worst = [first + k for k, one in enumerate(every) if one.false or one.found < one.vessels]
+        print(which, Score(*np.sum(every, 0).tolist()), "look at", worst, flush=True)  # noqa: T201

@@ -115,7 +115,7 @@ class LineArray:
         if not rises.size:
             return MOST_SIDELOBE_DB
         below_db = -10.0 * np.log10(float(power[rises[0] :].max()) / float(power[0]))
-        return min(below_db, MOST_SIDELOBE_DB)
+        return float(min(below_db, MOST_SIDELOBE_DB))
 
     def lead_s(self, cos_angle: FloatArray) -> FloatArray:
         """Return how much earlier each hydrophone hears, s, shape (beam, element)."""

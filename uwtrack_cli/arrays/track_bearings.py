@@ -71,8 +71,8 @@ FEWEST_POINTS = 8
 HEARD_SHARE = 0.5
 """Share of the averages of its time in which a contact is heard at least."""
 
-BEAM_STEPS = 4.0
-"""Width of a beam in steps of the cosine from beam to beam (see `line_array`)."""
+BEAM_STEPS = 2.0
+"""Half the width of a beam in steps of the cosine from beam to beam (see `line_array`)."""
 
 SAME_DEG = 3.0
 """Bearings that differ by less, in the median and beside their own deviations, are those
@@ -346,7 +346,7 @@ def _series(
 ) -> Series:
     """Join the contacts, numbered as those of lines with the same bearings.
 
-    A contact of its own must be heard where no line is within the width of a beam, in
+    A contact of its own must be heard where no line is within half a beam's width, in
     cosines: there its direction is that of a sum.
     """
     numbers = [0 if lines is None else _contact_of(track, lines) for track in tracks]
@@ -382,7 +382,7 @@ def _series(
 
 
 def _apart(track: _BearingTrack, lines: Lines, average_s: float, width: float) -> BoolArray:
-    """Return which bearings of a track lie a beam or more from all lines of contacts."""
+    """Return which bearings of a track lie half a beam or more from all lines of contacts."""
     own = np.isin(lines.line, lines.line_id[lines.line_contact > 0])
     own &= np.isfinite(lines.measured_bearing_deg)
     order = np.flatnonzero(own)[np.argsort(lines.time_s[own], kind="stable")]

@@ -209,7 +209,8 @@ def bearing_errors(
     cosine = np.cos(measured) - np.cos(relative)
     if problem.lobe_cosine is not None:
         cosine -= problem.lobe_cosine * np.round(cosine / problem.lobe_cosine)
-    angle = 1.0 / np.maximum(np.abs(np.sin(measured)), problem.cone_std_rad)
+    least = 0.0 if problem.cone_std_rad is None else problem.cone_std_rad
+    angle = 1.0 / np.maximum(np.abs(np.sin(measured)), least)
     slope = np.where(is_open, np.sin(relative) * angle, 1.0)
     return np.where(is_open, cosine * angle, off), slope
 

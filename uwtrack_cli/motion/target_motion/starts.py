@@ -184,7 +184,8 @@ def block_averages(problem: Problem) -> Problem:
     centre = (edges[:-1] + edges[1:]) // 2
     reduced = problem.rows(centre)
     robust = problem.loss != "squares"
-    bearing, period = problem.bearing_rad[0], np.ones((1, 1))
+    bearing: FloatArray = problem.bearing_rad[0]
+    period: FloatArray = np.ones((1, 1))
     if heading is not None:  # the cosine, put back on the starboard side
         period = _cosine_periods(problem)
         bearing = np.cos(bearing - heading) * 2.0 * np.pi / period
