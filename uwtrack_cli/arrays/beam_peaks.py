@@ -170,7 +170,7 @@ def find_beam_peaks(beams: Beams, floor: FloatArray, noise: FloatArray, rules: P
         is_detection=beams.power[at] > detect[at[1]] * floor[at],
         cone_deg=cone_deg,
         cone_std_deg=std_deg,
-        is_aliased=beams.array.is_aliased(tones.frequency_hz, cosine),
+        is_aliased=beams.array.lobe_cosine(tones.frequency_hz) < 2.0,
     )
 
 

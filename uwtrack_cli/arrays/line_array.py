@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.data.base import FloatArray
 
 Shading = Literal["uniform", "hann", "chebyshev"]
 
@@ -150,10 +150,6 @@ class LineArray:
         if abs(turn.mean()) ** 2 < 0.5:
             return np.full(np.shape(frequency_hz), np.inf)
         return np.asarray(self.sound_speed_mps / (frequency_hz * self.spacing_m))
-
-    def is_aliased(self, frequency_hz: FloatArray, cos_angle: FloatArray) -> BoolArray:
-        """Tell whether a grating lobe of a direction is in view, |u -+ c/(f d)| <= 1."""
-        return np.asarray(np.abs(cos_angle) >= self.lobe_cosine(frequency_hz) - 1.0)
 
     def cosine_std(
         self, snr: FloatArray, frequency_hz: FloatArray, weights: FloatArray
