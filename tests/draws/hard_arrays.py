@@ -30,7 +30,7 @@ LIKELY = 0.05
 
 KINDS = (
     "crossing", "own-noise", "interferer", "lobes", "lobes-alone", "compass", "bent",
-    "elements", "straight",
+    "elements", "straight", "pair",
 )  # fmt: skip
 
 
@@ -48,12 +48,16 @@ def scene(kind, seed):
         "element_along_m": [SPACING_M * (3.5 - k) for k in range(8)],
         "tow_offset_m": TOW_M, "track": {**own, "turn": [] if kind == "straight" else [turned]},
     }  # fmt: skip
+    if kind == "pair":
+        array["element_along_m"] = [0.75, -0.75]
     if kind == "compass":
         array |= {
             "heading_source": "compass", "compass_std_deg": 2.0,
             "compass_error_deg": float(draw.choice([-2.0, 2.0])),
         }  # fmt: skip
-    bands = {"lobes": (90.0, 480.0), "lobes-alone": (280.0, 480.0)}.get(kind, (90.0, 235.0))
+    bands = {
+        "lobes": (90.0, 480.0), "lobes-alone": (280.0, 480.0), "pair": (260.0, 480.0)
+    }.get(kind, (90.0, 235.0))  # fmt: skip
     side = draw.choice([-1.0, 1.0])
     angles = draw.uniform(40.0, 120.0, 1)
     if kind == "crossing":
@@ -84,7 +88,7 @@ def scene(kind, seed):
         })  # fmt: skip
     scenario = make_scenario({
         "seed": seed, "duration_s": DURATION_S,
-        "sample_rate_hz": 1000.0 if kind.startswith("lobes") else 500.0,
+        "sample_rate_hz": 500.0 if bands[1] < 250.0 else 1000.0,
         "sensor": [array], "vessel": [*vessels, *hidden],
         "noise": {"density_db": NOISE_DB, "reference_hz": 100.0},
     })  # fmt: skip
