@@ -43,18 +43,7 @@ def scene(kind, seed):
     if kind == "bent":  # a slow turn bends the array for two thirds of the record
         turned |= {"at_s": 50.0, "rate_deg_per_s": 0.4}
     own = {"course_deg": course, "speed_mps": OWN_MPS, "turn": [turned]}
-    array = {
-        "id": "tow", "kind": "array", "depth_m": 20.0, "full_scale_db": 160.0,
-        "element_along_m": [SPACING_M * (3.5 - k) for k in range(8)],
-        "tow_offset_m": TOW_M, "track": {**own, "turn": [] if kind == "straight" else [turned]},
-    }  # fmt: skip
-    if kind == "pair":
-        array["element_along_m"] = [0.75, -0.75]
-    if kind == "compass":
-        array |= {
-            "heading_source": "compass", "compass_std_deg": 2.0,
-            "compass_error_deg": float(draw.choice([-2.0, 2.0])),
-        }  # fmt: skip
+    array = _array(kind, own, float(draw.choice([-2.0, 2.0])))
     bands = {
         "lobes": (90.0, 480.0), "lobes-alone": (280.0, 480.0), "pair": (260.0, 480.0)
     }.get(kind, (90.0, 235.0))  # fmt: skip
@@ -93,6 +82,23 @@ def scene(kind, seed):
         "noise": {"density_db": NOISE_DB, "reference_hz": 100.0},
     })  # fmt: skip
     return scenario, len(vessels)
+
+
+def _array(kind, own, compass_error_deg):
+    """Eight hydrophones, or two, behind a ship of this track."""
+    array = {
+        "id": "tow", "kind": "array", "depth_m": 20.0, "full_scale_db": 160.0,
+        "element_along_m": [SPACING_M * (3.5 - k) for k in range(8)],
+        "tow_offset_m": TOW_M, "track": {**own, "turn": []} if kind == "straight" else own,
+    }  # fmt: skip
+    if kind == "pair":
+        array["element_along_m"] = [0.75, -0.75]
+    if kind == "compass":
+        array |= {
+            "heading_source": "compass", "compass_std_deg": 2.0,
+            "compass_error_deg": compass_error_deg,
+        }  # fmt: skip
+    return array
 
 
 def _vessel(draw, bearing_deg, band_hz):
