@@ -22,6 +22,9 @@ from uwtrack_cli.simulate.trajectories import array_place, vessel_trajectory
 
 DURATION_S, TURN_S, SPACING_M, TOW_M = 280.0, 110.0, 3.0, 80.0
 OWN_MPS, NOISE_DB = 4.0, 62.0
+APART_HZ = 4.0
+"""Least distance of lines."""
+
 FAR = 5.0
 """Deviations of range or bearing from which a motion is nobody's."""
 
@@ -47,11 +50,13 @@ def scene(kind, seed):
     bands = {
         "lobes": (90.0, 480.0), "lobes-alone": (280.0, 480.0), "pair": (260.0, 480.0)
     }.get(kind, (90.0, 235.0))  # fmt: skip
+    # two lines within 1.5 Hz may be one, whoever hears them (docs/limits.md)
+    lines = list(draw.permutation(np.arange(*bands, APART_HZ)) + draw.uniform(0.0, 1.0))
     side = draw.choice([-1.0, 1.0])
     angles = draw.uniform(40.0, 120.0, 1)
     if kind == "crossing":
         angles = draw.permutation(np.array([55.0, 80.0, 105.0]))
-    vessels = [_vessel(draw, course + side * angle, bands) for angle in angles]
+    vessels = [_vessel(draw, course + side * angle, lines) for angle in angles]
     if kind == "crossing":  # towards each other's bearings
         for k, vessel in enumerate(vessels):
             other = vessels[(k + 1) % 3]["track"]
@@ -61,7 +66,7 @@ def scene(kind, seed):
             )) % 360.0)  # fmt: skip
     if kind in {"interferer", "straight"}:
         # 20 dB over the noise in its band at the array, and no lines
-        loud = _vessel(draw, course - side * draw.uniform(40.0, 120.0), bands)
+        loud = _vessel(draw, course - side * draw.uniform(40.0, 120.0), lines)
         range_m = np.hypot(loud["track"]["east_m"], loud["track"]["north_m"])
         del loud["line"]
         level = NOISE_DB + 20.0 + 20.0 * np.log10(range_m) + 10.0 * np.log10(190.0)
@@ -72,7 +77,7 @@ def scene(kind, seed):
         hidden.append({
             "source_depth_m": 4.0, "track": {"east_m": 0.0, "north_m": 0.0, **own},
             "line": [{"frequency_hz": float(f), "source_level_db": 118.0}
-                     for f in draw.uniform(*bands, 2)],
+                     for f in (lines.pop(), lines.pop())],
             "broadband": {"band_hz": [40.0, 240.0], "source_level_db": 128.0},
         })  # fmt: skip
     scenario = make_scenario({
@@ -101,11 +106,11 @@ def _array(kind, own, compass_error_deg):
     return array
 
 
-def _vessel(draw, bearing_deg, band_hz):
+def _vessel(draw, bearing_deg, lines_hz):
     """A vessel of two or three lines, 15 to 25 dB over the noise of a one-second frame."""
     range_m, bearing = draw.uniform(800.0, 1800.0), np.radians(bearing_deg)
     level = NOISE_DB + draw.uniform(15.0, 25.0) + 20.0 * np.log10(range_m)
-    frequencies = draw.uniform(*band_hz, int(draw.integers(2, 4)))
+    frequencies = [lines_hz.pop() for _ in range(int(draw.integers(2, 4)))]
     return {
         "source_depth_m": 4.0,
         "track": {
@@ -136,14 +141,16 @@ class Score(NamedTuple):
 
     vessels: int = 0
     found: int = 0
-    """Vessels that an observable contact is."""
+    """Vessels that a contact is whose likeliest motion is observable."""
     in_range: int = 0
     """Contacts of vessels whose range lies within 1.96 deviations."""
     in_bearing: int = 0
     matched: int = 0
     """Observable contacts that are a vessel."""
     false: int = 0
-    """Observable contacts that are none."""
+    """Observable contacts none of whose motions is a vessel's."""
+    altered: int = 0
+    """Contacts whose likeliest motion is not straight, as that of all vessels is."""
     seconds: float = 0.0
 
 
@@ -191,10 +198,13 @@ def score(kind, seed, *, told=False):
     hits = set()
     for contact in np.unique(found.contact):
         rows = np.flatnonzero((found.contact == contact) & (found.weight >= LIKELY))
+        rows = rows[np.argsort(-found.weight[rows], kind="stable")]
         far, vessel, off = nearest(scenario, count, found, rows)
         if told:
             tell(found, rows, far, vessel)
-        if not found.observable[rows].any():
+        altered = total.altered + int(found.motion_model[rows[0]] != "straight")
+        total = total._replace(altered=altered)
+        if not found.observable[rows[0]]:
             continue
         if far >= FAR:
             total = total._replace(false=total.false + 1)
