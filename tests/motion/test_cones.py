@@ -118,6 +118,17 @@ def test_the_lobe_that_is_right_is_found_with_the_motion(rest_hz):
     assert abs(found.value[0] - n) < 5.0 * np.sqrt(2.0 * n)
 
 
+def test_cones_that_begin_beyond_the_axis_start_on_it():
+    problem = target([180.0])
+    # a slope that no cone goes on with: its line begins at 1.22
+    cosine = np.where(TIME_S < 12.0, 1.0, -0.9)
+    angle = problem.array_heading_rad + np.arccos(cosine)
+    steep = replace(problem, bearing_rad=angle[None, None], lobe_cosine=None)
+    starts = first_bearings(steep)
+    assert starts.size >= 2
+    assert np.abs(np.sin(starts)).max() < 0.05
+
+
 def test_ranges_by_uncertain_cones_are_not_short():
     """A weight that follows its own noisy angle pulls cones to abeam."""
     off = []

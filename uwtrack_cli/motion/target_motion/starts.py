@@ -304,9 +304,10 @@ def first_bearings(problem: Problem) -> FloatArray:
     if heading is None:
         return np.array([guess])
     lobe = guess * apart / (2.0 * np.pi) + apart * np.arange(-MOST_LOBES, MOST_LOBES + 1)
-    seen = np.arccos(
-        np.clip(lobe[np.abs(lobe) <= 1.0 + IN_VIEW * apart], -MOST_COSINE, MOST_COSINE)
-    )
+    # a line through noisy cones may begin beyond the axis
+    farthest = max(1.0 + IN_VIEW * apart, float(np.abs(lobe).min()))
+    lobe = np.clip(lobe[np.abs(lobe) <= farthest], -MOST_COSINE, MOST_COSINE)
+    seen = np.arccos(lobe)
     return np.concatenate([heading[rows[0]] + seen, heading[rows[0]] - seen])
 
 
