@@ -79,19 +79,44 @@ def test_shading_widens_the_deviation_as_measured(shading, factor):
     assert shaded / uniform == pytest.approx(factor, rel=0.02)
 
 
-@pytest.mark.parametrize(
-    ("times_design", "outside_deg"), [(0.99, None), (1.2, 48.2), (1.5, 70.5), (2.01, 90)]
-)
-def test_grating_lobes_are_seen_where_they_are(times_design, outside_deg):
+@pytest.mark.parametrize("times_design", [0.7, 1.2, 2.01])
+def test_directions_a_lobes_distance_apart_look_alike(times_design):
+    array, frequency_hz = line(16), np.array([times_design * 750.0])
+    apart = array.lobe_cosine(frequency_hz)[0]
+    assert apart == pytest.approx(2.0 / times_design)  # c / (f d)
+    weights = array.weights("uniform", 30.0)
+    steering = array.steering(
+        frequency_hz, np.array([0.2, 0.2 - apart, 0.2 - 0.5 * apart]), weights
+    )
+    alike = np.abs(steering[0] @ steering[0, 0].conj())
+    assert alike[1] == pytest.approx(alike[0])
+    assert alike[2] < 1e-6 * alike[0]
+
+
+def test_sidelobes_are_those_of_the_hydrophones_that_are_used():
     array = line(16)
-    angle_deg = np.linspace(0.0, 180.0, 3601)
-    cosine = np.cos(np.radians(angle_deg))
-    frequency_hz = np.full(cosine.size, times_design * array.design_frequency_hz)
-    aliased = array.is_aliased(frequency_hz, cosine)
-    wanted = np.zeros_like(aliased)
-    if outside_deg is not None:
-        wanted = (angle_deg <= outside_deg) | (angle_deg >= 180.0 - outside_deg)
-    assert np.mean(aliased != wanted) < 2e-3
+    # Harris 1978, table 1, and Dolph 1946
+    for shading, published_db in (("uniform", 13.2), ("hann", 31.5), ("chebyshev", 30.0)):
+        found = array.sidelobe_db(array.weights(shading, 30.0))
+        assert found == pytest.approx(published_db, abs=0.1)
+    # a hole of one in N of equal weights: sin(N x / 2) / sin(x / 2) less one, over N - 1
+    weights = np.where(np.arange(16) == 8, 0.0, 1.0 / 15.0)
+    turn = np.linspace(2.0 * np.pi / 16, np.pi, 100_000)
+    pattern = np.sin(8 * turn) / np.sin(turn / 2) * np.exp(-7.5j * turn) - np.exp(-8j * turn)
+    past = np.abs(pattern) / 15.0
+    rising = np.flatnonzero(np.diff(past) > 0.0)[0]
+    assert array.sidelobe_db(weights) == pytest.approx(
+        -20 * np.log10(past[rising:].max()), abs=0.05
+    )
+    assert line(2).sidelobe_db(np.array([0.5, 0.5])) == 80.0
+
+
+def test_an_uneven_line_has_no_lobes_of_full_height():
+    even, uneven = (
+        LineArray(np.array(places), C) for places in ([0, 1, 2, 4, 5.0], [0, 1, 1.4, 3.7, 4.3])
+    )
+    assert even.lobe_cosine(np.array([1000.0])) == pytest.approx(1.5)
+    assert np.isinf(uneven.lobe_cosine(np.array([1000.0]))).all()
 
 
 def test_deviation_of_an_angle_stays_finite_at_the_ends():

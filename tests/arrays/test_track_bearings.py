@@ -151,7 +151,7 @@ def test_a_contact_whose_lines_scatter_as_stated_keeps_their_number(line_std_deg
         state=np.zeros((count, 5, 2)),
         measured=np.stack(
             [nothing + 100.0, nothing + 0.1, truth + 8.0, nothing + line_std_deg,
-             nothing, nothing, nothing], axis=1,
+             nothing, nothing], axis=1,
         ),
         association=np.full(count, 2),
     )  # fmt: skip

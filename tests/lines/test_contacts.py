@@ -60,7 +60,7 @@ def points(line, frame, frequency_hz, std_hz=0.02):
     state[:, 2, 1] = 1e9  # no bearing was measured
     return LinePoints(
         np.full(frame.size, line), frame, 1.0 * frame, state,
-        np.full((frame.size, 7), np.nan), np.full(frame.size, 2),
+        np.full((frame.size, 6), np.nan), np.full(frame.size, 2),
     )  # fmt: skip
 
 

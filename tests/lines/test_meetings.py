@@ -16,7 +16,7 @@ def points(line, frame, frequency_hz, snr_db=12.0):
     """Points of one line, as a path gives them."""
     state = np.zeros((frame.size, 5, 2))
     state[:, 0, 0], state[:, 2, 0], state[:, 2, 1] = frequency_hz, STD_HZ**2, 1e9
-    measured = np.full((frame.size, 7), np.nan)
+    measured = np.full((frame.size, 6), np.nan)
     measured[:, 0], measured[:, 1], measured[:, 5] = frequency_hz, STD_HZ, snr_db
     kind = np.full(frame.size, DETECTED)
     number = np.full(frame.size, line)

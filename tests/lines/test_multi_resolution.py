@@ -43,7 +43,7 @@ def drawn(window_s: float, *courses, duration_s: float = 80.0, sensor: str = "h1
         frame = np.flatnonzero(told > 0.0)
         state = np.zeros((frame.size, 5, 2))
         state[:, 0, 0], state[:, 2] = frequency_hz[frame], (0.01, np.inf)
-        measured = np.full((frame.size, 7), np.nan)
+        measured = np.full((frame.size, 6), np.nan)
         measured[:, 0], measured[:, 1] = frequency_hz[frame], 0.1
         measured[:, 4], measured[:, 5] = 60.0, 10.0 * np.log10(told[frame])
         parts.append(LinePoints(

@@ -245,7 +245,7 @@ def test_a_smoothed_window_is_weighted_least_squares_without_process_noise():
     value = truth + spread * rng.normal(size=(2, n))
     spread[:, 5:9] = np.inf
     position = np.stack([value[0], value[1] % 360.0])[..., None]
-    measured = Measured(position, (spread**2)[..., None], np.zeros((7, n, 1)))
+    measured = Measured(position, (spread**2)[..., None], np.zeros((6, n, 1)))
     states = smooth_window(measured, time_s, np.zeros((2, 1)), np.array([9.0, 90.0]))
     use = np.isfinite(spread[0])
     for k, unit in enumerate((1.0, 1.0)):
@@ -268,7 +268,7 @@ def test_the_end_of_a_path_is_the_straight_course_there():
     position = np.stack([value, np.full(n, 40.0)])[..., None]
     variance = np.full((2, n, 1), 0.01)
     variance[0, 30] = np.inf
-    raw = np.zeros((7, n, 1))
+    raw = np.zeros((6, n, 1))
     states = np.zeros((n, 5, 2, 1))
     states[:, 0, 1], states[:, 2, 1] = np.arange(n)[:, None], 7.0
     paths = MeasuredPaths(data, Measured(position, variance, raw), states)

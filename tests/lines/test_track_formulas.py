@@ -62,7 +62,7 @@ def store_of(state, n_confirmed=0, *, has_bearings=True, precision=100.0):
     n = state.position.shape[1]
     density = np.tile([[1e-4], [1e-2]], n)
     store.start(
-        state, density, np.full((7, n), np.nan), np.ones(n, bool), np.zeros(n),
+        state, density, np.full((6, n), np.nan), np.ones(n, bool), np.zeros(n),
         np.full(n, precision),
     )  # fmt: skip
     store.confirm(np.arange(n_confirmed), np.zeros(n_confirmed, np.int64))
@@ -251,7 +251,7 @@ def test_a_peaks_height_is_rices_ratio_for_the_line_looked_for():
     assert logic.least_gain == pytest.approx(np.log(1.0 - 0.48 * seen))
     (frame,) = split_frames(peaks, peaks)
     snr_db = np.array([-20.0, -11.0, 0.004, 3.0, 5.0, 9.0, 59.0, 70.0])
-    frame = replace(frame, measured=np.tile(snr_db, (7, 1)), frequency_hz=50.0 * np.arange(8))
+    frame = replace(frame, measured=np.tile(snr_db, (6, 1)), frequency_hz=50.0 * np.arange(8))
     power = (1.0 + 10.0 ** (np.maximum(snr_db, -12.0) / 10.0)) / excess
     ratio = np.log(i0(2.0 * np.sqrt(design * power[:-2]))) - design
     wanted = np.minimum(np.append(ratio, [99.0, 99.0]), 3.5)
@@ -676,7 +676,7 @@ def test_after_a_gap_a_line_known_within_less_than_it_is_wide_goes_on(hops, std,
     state = KalmanState(*np.zeros((5, 2, 1)))
     state.position[0], state.variance[0] = 100.0, (std * RESOLUTION_HZ) ** 2
     tracker.store.start(
-        state, np.zeros((2, 1)), np.zeros((7, 1)), np.ones(1, bool), np.ones(1), np.full(1, 400.0)
+        state, np.zeros((2, 1)), np.zeros((6, 1)), np.ones(1, bool), np.ones(1), np.full(1, 400.0)
     )
     tracker.store.confirm(np.arange(1), np.zeros(1, np.int64))
     tracker.last_time_s = 10.0

@@ -263,7 +263,7 @@ def test_two_lines_that_are_one_become_one_though_another_vessels_lies_between(
     position = np.array([[100.0, 100.1, 100.2], [90.0, between_deg, 91.0]])
     still = np.zeros_like(position)
     state = KalmanState(position, still, still + 0.01, still, still + 1e-4)
-    noise, measured = np.zeros((2, 3)), np.zeros((7, 3))
+    noise, measured = np.zeros((2, 3)), np.zeros((6, 3))
     store.start(state, noise, measured, np.ones(3, bool), np.ones(3), np.ones(3))
     merge_lines(store, Gates(), resolution_hz=1.0)
     others = {90.0: [0], 270.0: [0, 1]}  # the first of those that are one stays

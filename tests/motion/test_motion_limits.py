@@ -396,7 +396,7 @@ def test_levels_are_weighed_by_their_misfit_beside_either_of_the_other_kinds(mon
 
 @pytest.mark.parametrize("heading", [0.0, 2.0, -3.0])
 def test_motions_are_on_different_sides_of_the_first_heading(heading):
-    problem = SimpleNamespace(array_heading_rad=np.array([heading, 0.4]))
+    problem = SimpleNamespace(array_heading_rad=np.array([heading, 0.4]), lobe_cosine=None)
     for one, other, expected in ((0.3, 1.2, False), (0.3, -1.2, True), (3.0, -3.0, True)):
         q = np.zeros((2, 4))
         q[:, 1] = heading + np.array([one, other])

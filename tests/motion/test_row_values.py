@@ -296,9 +296,9 @@ def test_an_ellipse_agrees_within_a_quarter_on_either_side(half, other, expected
 def answer_of(**changed):
     told = {
         "legs": SimpleNamespace(probability=0.01), "n_values": 40, "manoeuvring": True, "probability": None, "n_sources": 1,
+        "is_own_noise": False,
         "data": SimpleNamespace(
             bearing_deg=np.ones(20), line_id=np.ones(1), time_s=np.arange(20.0),
-            is_aliased=None,
             bounce_delay_s=None,
         ),
     }  # fmt: skip
@@ -317,21 +317,13 @@ def test_what_is_less_certain_than_its_limit_is_not_given(std, hidden):
     assert all("too little change of bearing" in why for why in found.values())
 
 
-@pytest.mark.parametrize("n_aliased", [0, 15, 20])
-def test_what_a_grating_lobe_may_stand_for_is_named_and_alone_not_given(n_aliased):
-    aliased = np.arange(20) < n_aliased
-    data = SimpleNamespace(
-        bearing_deg=np.ones(20), line_id=np.ones(1), time_s=np.arange(20.0), is_aliased=aliased
-    )
-    answer, mode = answer_of(data=data), mode_of()
+def test_a_contact_that_is_the_towing_ship_is_named_so_and_has_no_motion():
+    answer, mode = answer_of(is_own_noise=True), mode_of()
     found = table.reasons_of(mode, answer)
-    hidden = {"range_m", "bearing_deg", "speed_mps", "course_deg"}
     named = {name for name in found if not name.startswith("now_")}
-    assert named == (hidden if n_aliased == 20 else set())
-    assert all("aliased: a grating lobe" in why for why in found.values())
+    assert named == {"range_m", "speed_mps", "course_deg"}
     told = table.report_of(mode, answer, found, manoeuvre_needed=False)
-    assert ("may stand for 75 % of the bearings" in told) == (n_aliased == 15)
-    assert ("range is not observable: aliased" in told) == (n_aliased == 20)
+    assert "range is not observable: own ship: the sound comes from" in told
 
 
 @pytest.mark.parametrize(
@@ -361,11 +353,11 @@ def test_an_open_range_says_how_far_it_is_at_least_and_what_is_missing():
     nothing, mode.observability.rank = np.full(20, np.nan), 4
     for answer, words in (
         (answer_of(n_values=4), "4 values cannot fix 5 parameters"),
-        (answer_of(data=SimpleNamespace(is_aliased=None, bearing_deg=nothing, line_id=np.ones(1))),
+        (answer_of(data=SimpleNamespace(bearing_deg=nothing, line_id=np.ones(1))),
          "frequencies alone"),
         (answer_of(manoeuvring=False), "the bearing does not change"),
         (answer_of(manoeuvring=False, data=SimpleNamespace(
-            bearing_deg=np.ones(3), line_id=np.zeros(0), is_aliased=None)),
+            bearing_deg=np.ones(3), line_id=np.zeros(0))),
          "no frequency lines"),
     ):  # fmt: skip
         assert words in table.reasons_of(mode, answer)["range_m"]

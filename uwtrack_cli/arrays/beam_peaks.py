@@ -49,8 +49,6 @@ class PeakRules:
     """Exceedance rate per beam and cell at which a peak is a detection."""
     kept_probability: float
     """The same for the weakest peaks kept."""
-    sidelobe_db: float
-    """Sidelobes of the beams below their main lobe, dB."""
     side: str
     """Side that bearings are written for, starboard or port."""
     compass: bool
@@ -149,7 +147,7 @@ def find_beam_peaks(beams: Beams, floor: FloatArray, noise: FloatArray, rules: P
     """
     frames, place = beams.frames, beams.place
     detect, keep = beams.thresholds(rules)
-    at = _maxima(beams, floor, keep, rules.sidelobe_db)
+    at = _maxima(beams, floor, keep)
     tones = beams.tones(at)
     cosine, height = _directions(beams, tones, at)
     cosine_std = beams.array.cosine_std(
@@ -172,7 +170,7 @@ def find_beam_peaks(beams: Beams, floor: FloatArray, noise: FloatArray, rules: P
         is_detection=beams.power[at] > detect[at[1]] * floor[at],
         cone_deg=cone_deg,
         cone_std_deg=std_deg,
-        is_aliased=beams.array.is_aliased(tones.frequency_hz, cosine),
+        is_aliased=beams.array.lobe_cosine(tones.frequency_hz) < 2.0,
     )
 
 
@@ -207,17 +205,21 @@ def cells_above(
     return beam[is_peak], frame[is_peak], cell[is_peak]
 
 
-def _maxima(beams: Beams, floor: FloatArray, keep: FloatArray, sidelobe_db: float) -> Maxima:
+def _maxima(beams: Beams, floor: FloatArray, keep: FloatArray) -> Maxima:
     """Beams, frames and cells of the maxima, in the order of frame and cell."""
     power = beams.power
     beam, frame, cell = cells_above(power, floor, keep, beams.frames.cells_per_bin)
     inside = (beam > 0) & (beam < len(power) - 1)
     beam, frame, cell = beam[inside], frame[inside], cell[inside]
     height = power[beam, frame, cell]
+    sidelobe_db = beams.array.sidelobe_db(beams.weights)
     share = np.float32(10.0 ** (-(sidelobe_db - SPARE_DB) / 10.0))
     is_peak = height >= power[beam - 1, frame, cell]
     is_peak &= height > power[beam + 1, frame, cell]
     is_peak &= height > share * power.max(axis=0)[frame, cell]
+    # one of the lobes of a line, which all lie at equal distances, stands for all of them
+    around = beams.cos_angle[beam] / beams.array.lobe_cosine(beams.frequency_hz[cell])
+    is_peak &= (around >= -0.5) & (around < 0.5)
     beam, frame, cell = beam[is_peak], frame[is_peak], cell[is_peak]
     order = np.lexsort((beam, cell, frame))
     return beam[order], frame[order], cell[order]

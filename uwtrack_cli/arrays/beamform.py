@@ -40,7 +40,7 @@ from uwtrack_cli.arrays.broadband_directions import DirectionSearch, FoundDirect
 from uwtrack_cli.arrays.direction_grid import LOBE_DB, MOST_BEAMS, SpatialArray
 from uwtrack_cli.arrays.direction_table import TableFacts, ambiguity_of, direction_table
 from uwtrack_cli.arrays.element_check import ElementCheck, with_silent_elements
-from uwtrack_cli.arrays.line_array import CLEAR_SHARE, SIDELOBES_DB, LineArray, Shading
+from uwtrack_cli.arrays.line_array import CLEAR_SHARE, LineArray, Shading
 from uwtrack_cli.arrays.spatial_peaks import Lobes, SharedFloor, SpatialBeams, find_spatial_peaks
 from uwtrack_cli.arrays.steering import Steering
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
@@ -234,7 +234,6 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
     rules = PeakRules(
         false_alarm_probability=false_alarm_probability,
         kept_probability=kept_probability,
-        sidelobe_db=SIDELOBES_DB.get(shading, sidelobe_db),
         side=side,
         compass=frame == "compass",
         reference=FULL_SCALE if recording.sensor.full_scale_upa is None else MICROPASCAL,
@@ -376,6 +375,7 @@ class _BeamFormer(ABC):
         """Yield the record of a block, as many frames at once as memory holds."""
         spectra = self.layout.spectra_of_all(samples, frames.n_frames)
         alive = self._check.alive(spectra, self._frequency_hz, float(frames.time_s[0]))
+        spectra = self._check.upright(spectra)
         weights = np.where(alive, self.weights, 0.0)
         weights = weights / weights.sum()
         directions = self._directions(spectra, alive, frames)
@@ -462,7 +462,6 @@ class _BeamFormer(ABC):
             bend_deg=place.bend_deg,
             band_low_hz=float(self._frequency_hz[0]),
             band_high_hz=float(self._frequency_hz[-1]),
-            sidelobe_db=self.rules.sidelobe_db,
             shading=self.shading,
             beamformer="conventional" if self.loading is None else "mvdr",
             side=self.rules.side,
@@ -518,6 +517,7 @@ class _LineFormer(_BeamFormer):
             formed.place,
             cos_angle=self._cosines,
             diffuse_power=self._diffuse,
+            sidelobe_db=self.array.sidelobe_db(formed.weights),
             design_frequency_hz=self.array.design_frequency_hz,
             ambiguity=MIRROR if self.rules.compass else "none",
         )

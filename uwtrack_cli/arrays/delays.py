@@ -218,6 +218,7 @@ class _Correlator:
             alive = (spectra != 0).any(axis=(0, 2))
             if not self._is_far:
                 alive = self._check.alive(spectra, self._frequency_hz, float(frames.time_s[0]))
+                spectra = self._check.upright(spectra)
             yield self._delays(spectra, alive, whole, frames)
 
     def _delays(

@@ -34,10 +34,10 @@ class ElementCheck:
     """Places, m."""
     quarter_hz: float
     """Frequency at which neighbours lie a quarter of a wavelength apart, Hz."""
+    _sign: FloatArray | None = None
+    """Signs of the hydrophones; None until they were compared."""
     _told: set[tuple[str, str]] = field(default_factory=set)
     """Channels and what was said of them."""
-    _signs_known: bool = False
-    """Whether the signs of the channels were compared."""
 
     def alive(
         self, spectra: NDArray[np.complex64], frequency_hz: FloatArray, time_s: float
@@ -67,10 +67,19 @@ class ElementCheck:
                 f"--start-s and --stop-s."
             )
             raise DataError(msg)
-        if not self._signs_known:
-            self._signs_known = True
-            self._tell_inverted(spectra[frequency_hz <= self.quarter_hz], alive)
+        if self._sign is None:
+            gaps = np.diff(np.sort(self.along_m[alive]))
+            # neighbours of a dead one lie farther apart
+            highest_hz = self.quarter_hz * float(np.median(np.diff(np.sort(self.along_m))))
+            is_low = frequency_hz <= highest_hz / float(gaps.max())
+            self._compare_signs(spectra[is_low], alive)
         return np.asarray(alive)
+
+    def upright(self, spectra: NDArray[np.complex64]) -> NDArray[np.complex64]:
+        """Return spectra, (cell, element, frame), in which all signs are alike."""
+        if self._sign is None or np.all(self._sign > 0.0):
+            return spectra
+        return spectra * self._sign[:, np.newaxis].astype(np.float32)
 
     def _tell_level(self, name: str, level_db: float, time_s: float) -> None:
         what = "left out" if abs(level_db) >= DEAD_DB else "used"
@@ -86,7 +95,8 @@ class ElementCheck:
         )
         warn(msg, UwtrackWarning, stacklevel=2)
 
-    def _tell_inverted(self, spectra: NDArray[np.complex64], alive: BoolArray) -> None:
+    def _compare_signs(self, spectra: NDArray[np.complex64], alive: BoolArray) -> None:
+        self._sign = np.ones(alive.size)
         order = np.argsort(self.along_m)
         order = order[alive[order]]
         near = spectra[:, order]
@@ -101,9 +111,10 @@ class ElementCheck:
         sign = np.cumprod(np.append(1.0, np.sign(coherence)))
         usual = np.sign(sign.sum()) or 1.0
         for k in order[sign != usual]:
+            self._sign[k] = -1.0
             msg = (
                 f"hydrophone {self.names[k]} has the opposite sign of its neighbours "
-                f'(inverted wiring?); correct it, or leave it out with channel name "-".'
+                f"(inverted wiring?); its sign is turned."
             )
             warn(msg, UwtrackWarning, stacklevel=2)
 

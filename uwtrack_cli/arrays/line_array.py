@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.data.base import FloatArray
 
 Shading = Literal["uniform", "hann", "chebyshev"]
 
@@ -28,8 +28,12 @@ STEPS_BEYOND = 2
 CLEAR_SHARE = 0.97
 """Share of the design frequency below which no beam sees the other end's alias."""
 
-SIDELOBES_DB = {"uniform": 13.0, "hann": 31.0}
-"""Highest sidelobe of a beam below its main lobe, dB (Harris 1978)."""
+UNIFORM_SIDELOBE_DB, MOST_SIDELOBE_DB = 13.0, 80.0
+"""Highest sidelobe of a beam with equal weights below its main lobe, and of what is no lobe
+at all, dB (Harris 1978)."""
+
+PATTERN_POINTS = 64
+"""Directions per hydrophone at which the pattern of a beam is looked at."""
 
 LARGEST_STD_DEG = 30.0
 """Largest deviation of an angle that is stated."""
@@ -98,6 +102,21 @@ class LineArray:
         phase = -2j * np.pi * frequency_hz[:, None, None] * self.lead_s(cos_angle)
         return np.asarray(weights * np.exp(phase), np.complex64)
 
+    def sidelobe_db(self, weights: FloatArray) -> float:
+        """Return the highest sidelobe of the beams below their main lobe, dB.
+
+        Weights of hydrophones that are left out are 0. It is the highest rise behind the
+        first minimum, up to half the distance of the grating lobes.
+        """
+        points = PATTERN_POINTS * self.n_places
+        turn = np.linspace(0.0, np.pi / self.spacing_m, points)
+        power = np.abs(np.exp(1j * np.multiply.outer(turn, self.along_m)) @ weights) ** 2
+        rises = np.flatnonzero(np.diff(power) > 0.0)
+        if not rises.size:
+            return MOST_SIDELOBE_DB
+        below_db = -10.0 * np.log10(float(power[rises[0] :].max()) / float(power[0]))
+        return float(min(below_db, MOST_SIDELOBE_DB))
+
     def lead_s(self, cos_angle: FloatArray) -> FloatArray:
         """Return how much earlier each hydrophone hears, s, shape (beam, element)."""
         return np.multiply.outer(cos_angle, self.along_m) / self.sound_speed_mps
@@ -122,10 +141,15 @@ class LineArray:
             total += power / np.median(power)
         return np.asarray(total / frequency_hz.size)
 
-    def is_aliased(self, frequency_hz: FloatArray, cos_angle: FloatArray) -> BoolArray:
-        """Tell whether a grating lobe of a direction is in view, |u -+ c/(f d)| <= 1."""
-        distance = self.sound_speed_mps / (frequency_hz * self.spacing_m)
-        return np.asarray(np.abs(cos_angle) >= distance - 1.0)
+    def lobe_cosine(self, frequency_hz: FloatArray) -> FloatArray:
+        """Return the distance in the cosine of directions that look alike, c / (f d).
+
+        It is infinite for hydrophones at uneven distances, whose lobes are lower by half.
+        """
+        turn = np.exp(2j * np.pi * self.along_m / self.spacing_m)
+        if abs(turn.mean()) ** 2 < 0.5:
+            return np.full(np.shape(frequency_hz), np.inf)
+        return np.asarray(self.sound_speed_mps / (frequency_hz * self.spacing_m))
 
     def cosine_std(
         self, snr: FloatArray, frequency_hz: FloatArray, weights: FloatArray

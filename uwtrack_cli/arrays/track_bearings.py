@@ -16,13 +16,14 @@ background normalisation; Y. Bar-Shalom & X.-R. Li, Multitarget-Multisensor Trac
 """
 
 from dataclasses import dataclass
+from itertools import compress
 from typing import Annotated
 
 import numpy as np
 
 from uwtrack_cli.arrays.beam_peaks import BENT_DEG, SPARE_DB
-from uwtrack_cli.arrays.line_array import SIDELOBES_DB, angle_std_deg
-from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.arrays.line_array import UNIFORM_SIDELOBE_DB, angle_std_deg
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
@@ -69,6 +70,9 @@ FEWEST_POINTS = 8
 
 HEARD_SHARE = 0.5
 """Share of the averages of its time in which a contact is heard at least."""
+
+BEAM_STEPS = 2.0
+"""Half the width of a beam in steps of the cosine from beam to beam (see `line_array`)."""
 
 SAME_DEG = 3.0
 """Bearings that differ by less, in the median and beside their own deviations, are those
@@ -130,7 +134,8 @@ def track_bearings(
         for rows in _follow(averages)
         if (found := _measured(averages, rows, side)) is not None
     ]
-    return _series(tracks, lines, bearing_time.frames)
+    width = BEAM_STEPS * averages.step
+    return _series(tracks, lines, bearing_time.frames, average_s, width)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,6 +162,8 @@ class _BearingTrack:
 
     time_s: FloatArray
     """Times, s."""
+    angle_rad: FloatArray
+    """Angles from the array's head, positive clockwise, on the side of the record."""
     bearing_deg: FloatArray
     """Bearings on the side of the record."""
     bearing_std_deg: FloatArray
@@ -171,7 +178,7 @@ def _averages(record: BearingTime, cos_angle: FloatArray, average_s: float) -> _
     power -= _background(power, record.diffuse_power)
     heading = np.nan_to_num(record.heading_deg)
     silent = ~np.isfinite(power).all(axis=1) | (record.bend_deg > BENT_DEG)
-    sidelobe_db = record.sidelobe_db or SIDELOBES_DB["uniform"]
+    sidelobe_db = record.sidelobe_db or UNIFORM_SIDELOBE_DB
     spare = 10.0 ** (-(sidelobe_db - SPARE_DB) / 10.0)
     time_s, found = [], []
     for number, start in enumerate(range(0, frames.n_frames, count)):
@@ -328,14 +335,27 @@ def _measured(averages: _Averages, rows: IntArray, side: float) -> _BearingTrack
     cone_deg = np.degrees(np.arccos(cosine))
     return _BearingTrack(
         time_s=averages.time_s[number],
+        angle_rad=np.radians(side * cone_deg),
         bearing_deg=(averages.heading_deg[number] + side * cone_deg) % 360.0,
         bearing_std_deg=angle_std_deg(cosine, std),
     )
 
 
-def _series(tracks: list[_BearingTrack], lines: Lines | None, frames: Frames) -> Series:
-    """Join the contacts, numbered as those of lines with the same bearings."""
+def _series(
+    tracks: list[_BearingTrack], lines: Lines | None, frames: Frames, average_s: float, width: float
+) -> Series:
+    """Join the contacts, numbered as those of lines with the same bearings.
+
+    A contact of its own must be heard where no line is within half a beam's width, in
+    cosines: there its direction is that of a sum.
+    """
     numbers = [0 if lines is None else _contact_of(track, lines) for track in tracks]
+    if lines is not None:
+        own = [
+            number > 0 or np.count_nonzero(_apart(track, lines, average_s, width)) >= FEWEST_POINTS
+            for number, track in zip(numbers, tracks, strict=True)
+        ]
+        numbers, tracks = list(compress(numbers, own)), list(compress(tracks, own))
     unused = max([0, *numbers, *([] if lines is None else lines.line_contact.tolist())])
     for k, number in enumerate(numbers):
         if not number:
@@ -359,6 +379,24 @@ def _series(tracks: list[_BearingTrack], lines: Lines | None, frames: Frames) ->
         level_std_db=nothing,
         start_utc_ns=frames.start_utc_ns,
     )
+
+
+def _apart(track: _BearingTrack, lines: Lines, average_s: float, width: float) -> BoolArray:
+    """Return which bearings of a track lie half a beam or more from all lines of contacts."""
+    own = np.isin(lines.line, lines.line_id[lines.line_contact > 0])
+    own &= np.isfinite(lines.measured_bearing_deg)
+    order = np.flatnonzero(own)[np.argsort(lines.time_s[own], kind="stable")]
+    heard_s, heard_deg = lines.time_s[order], lines.measured_bearing_deg[order]
+    begin, end = (
+        np.searchsorted(heard_s, track.time_s + half)
+        for half in (-0.5 * average_s, 0.5 * average_s)
+    )
+    apart = np.ones(track.time_s.size, np.bool_)
+    for k, (first, stop) in enumerate(zip(begin, end, strict=True)):
+        turn = np.radians(heard_deg[first:stop] - track.bearing_deg[k])
+        off = np.cos(track.angle_rad[k] + turn) - np.cos(track.angle_rad[k])
+        apart[k] = not (np.abs(off) < width).any()
+    return apart
 
 
 def _contact_of(track: _BearingTrack, lines: Lines) -> int:

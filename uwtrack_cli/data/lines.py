@@ -6,15 +6,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from uwtrack_cli.data.base import (
-    BoolArray,
-    Container,
-    FloatArray,
-    IntArray,
-    TextArray,
-    column,
-    scalar,
-)
+from uwtrack_cli.data.base import Container, FloatArray, IntArray, TextArray, column, scalar
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.peaks import Families
 
@@ -77,9 +69,6 @@ class Lines(Container):
     measured_level_db: FloatArray = column("Raw level of the line.", dtype=np.float32)
     measured_snr_db: FloatArray = column(
         "Power of the line's cell over the noise in it.", dtype=np.float32
-    )
-    measured_is_aliased: BoolArray | None = column(
-        "Whether a grating lobe of the array may stand for the raw bearing; None: no array."
     )
     window_s: FloatArray | None = column(
         "Length of the point's own frame, where rungs of a ladder are joined; None: "

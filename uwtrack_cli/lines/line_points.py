@@ -21,7 +21,7 @@ _BEARING_KNOWN_BELOW_DEG2 = 1e6
 """Variance below which a smoothed bearing rests on a measurement."""
 
 
-N_MEASURED = 7
+N_MEASURED = 6
 """Values that are measured of a point: see `LinePoints.measured`."""
 
 
@@ -40,8 +40,7 @@ class LinePoints(Rows):
     unwrapped), shape (point, 5, 2)."""
     measured: FloatArray
     """Associated measurement: frequency and its deviation (Hz), bearing and its
-    deviation (degree), level (dB), SNR (dB), and 1 where the bearing may be a grating
-    lobe's, else 0; nan if coasted; shape (point, N_MEASURED)."""
+    deviation (degree), level (dB) and SNR (dB); nan if coasted; shape (point, N_MEASURED)."""
     association: IntArray
     """How the point was measured, as `Lines.association`, shape (point,)."""
 
@@ -127,17 +126,11 @@ def no_table() -> LineTable:
 
 
 def to_lines(
-    frames: Frames,
-    points: LinePoints,
-    table: LineTable,
-    scalars: dict[str, Any],
-    *,
-    has_lobes: bool = False,
+    frames: Frames, points: LinePoints, table: LineTable, scalars: dict[str, Any]
 ) -> Lines:
     """Make the container of a block from final points and the table of lines.
 
-    The table has no rows before the end; ``scalars`` are the single values of `Lines`;
-    ``has_lobes``: whether it is known which bearings may be those of grating lobes.
+    The table has no rows before the end; ``scalars`` are the single values of `Lines`.
     """
     frequency, bearing = points.state[:, :, 0], points.state[:, :, 1]
     measured = points.measured
@@ -160,7 +153,6 @@ def to_lines(
         measured_bearing_std_deg=measured[:, 3],
         measured_level_db=measured[:, 4],
         measured_snr_db=measured[:, 5],
-        measured_is_aliased=(measured[:, 6] == 1.0 if has_lobes else None),
         association=points.association,
         line_id=table.line,
         line_contact=table.contact,

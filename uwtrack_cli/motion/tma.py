@@ -192,8 +192,10 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     reflected = _bounce(series, sensor, bounce)
     analysis = TmaOptions(
         navigation=navigation,
+        towing=_towing(bearing_time, sensor),
         solver=solver,
         array_heading=array_heading,
+        design_frequency_hz=_design_frequency_hz(bearing_time) if lines is not None else None,
         fixed_heading_deg=None if sensor is None else sensor.heading_deg,
         nuisances=_deviations(nuisances, sensor, is_moving, sound_speed_mps),
         height_m=_height(sensor) if reflected is None else reflected.height_m,
@@ -214,6 +216,13 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
         series, pairings = pair_contacts(series, analysis, contact_numbers)
         contacts = measurements_from_series(series)
     return motions_table(analyse_contacts(contacts, analysis), analysis, pairings)
+
+
+def _design_frequency_hz(bearing_time: BearingTime | None) -> float | None:
+    """Return that of a line array; others have no lobes at equal distances."""
+    if bearing_time is None or bearing_time.ambiguity != MIRROR:
+        return None
+    return bearing_time.design_frequency_hz
 
 
 def _prior(
@@ -273,6 +282,13 @@ def _deviations(
         correlation_time_s=given.correlation_time_s,
         is_usual_navigation=is_moving and (position is None or velocity is None),
     )
+
+
+def _towing(record: BearingTime | None, sensor: Sensor | None) -> Navigation | None:
+    """Return the way of the ship that tows the array; None: it is the array's own."""
+    if record is None or sensor is None or not sensor.tow_offset_m:
+        return None
+    return sensor.navigation
 
 
 def _array_navigation(

@@ -163,10 +163,7 @@ def measure(data: WindowData, cells: IntArray, is_line: BoolArray) -> Measured:
     bin_hz = 1.0 / data.window_s
     with np.errstate(divide="ignore", invalid="ignore"):
         level = 10.0 * np.log10(power * NOISE_BANDWIDTH_BINS * bin_hz)
-        raw = np.stack([
-            frequency, std, bearing, bearing_std, level, 10.0 * np.log10(snr),
-            np.full_like(level, np.nan),
-        ])  # fmt: skip
+        raw = np.stack([frequency, std, bearing, bearing_std, level, 10.0 * np.log10(snr)])
     variance = np.stack([std**2, bearing_std**2])
     variance = np.where(known & np.isfinite(raw[[0, 2]]), variance, np.inf)
     return Measured(raw[[0, 2]], variance, raw)

@@ -28,9 +28,8 @@ class FramePeaks:
     bearing_variance_deg2: FloatArray
     """Variances of the bearings; inf where unknown; shape (peak,)."""
     measured: FloatArray
-    """Frequency and its deviation (Hz), bearing and its deviation (degree), level (dB),
-    SNR (dB), and 1 where a grating lobe may stand for the bearing, else 0, as
-    `LinePoints.measured`, shape (N_MEASURED, peak)."""
+    """Frequency and its deviation (Hz), bearing and its deviation (degree), level (dB) and
+    SNR (dB), as `LinePoints.measured`, shape (N_MEASURED, peak)."""
     is_detection: BoolArray
     """Whether a peak exceeds the detection threshold, shape (peak,)."""
     is_in_family: BoolArray
@@ -67,29 +66,31 @@ class Choice:
 def split_frames(block: Families | Peaks, peaks: Peaks) -> Iterator[FramePeaks]:
     """Yield the peaks of each frame of a block, those of empty frames, too."""
     frames = peaks.frames
-    aliased = peaks.is_aliased
     measured = np.stack([
         np.asarray(column, dtype=float) for column in (
             peaks.frequency_hz, peaks.frequency_std_hz, peaks.bearing_deg,
             peaks.bearing_std_deg, peaks.level_db, peaks.snr_db,
-            np.zeros(peaks.frame.size) if aliased is None else aliased,
         )
     ])  # fmt: skip
     variance = np.maximum(measured[1], LEAST_STD / frames.window_s) ** 2
-    is_unknown = np.isnan(measured[2] + measured[3])
+    bearing = measured[2]
+    if peaks.cone_deg is not None and peaks.is_aliased is not None:
+        # one of a line array's lobes, which another frame may name by another
+        bearing = np.where(peaks.is_aliased, np.nan, bearing)
+    is_unknown = np.isnan(bearing + measured[3])
     bearing_variance = np.where(is_unknown, np.inf, measured[3] ** 2)
     is_member = (
         block.peak_family >= 0
         if isinstance(block, Families)
         else np.ones(peaks.frame.size, dtype=bool)
     )
-    known = np.append(0, np.cumsum(np.isfinite(measured[2])))
+    known = np.append(0, np.cumsum(np.isfinite(bearing)))
     numbers = frames.first_frame + np.arange(frames.n_frames + 1)
     edges = np.searchsorted(peaks.frame, numbers).tolist()
     for k in range(frames.n_frames):
         at = slice(edges[k], edges[k + 1])
         yield FramePeaks(
-            measured[0, at], variance[at], measured[2, at], bearing_variance[at],
+            measured[0, at], variance[at], bearing[at], bearing_variance[at],
             measured[:, at], peaks.is_detection[at], is_member[at],
             float(frames.threshold_db[k]), bool(known[edges[k]] < known[edges[k + 1]]),
         )  # fmt: skip

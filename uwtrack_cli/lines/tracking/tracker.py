@@ -435,7 +435,6 @@ class FollowedLines(RememberedStream[Lines, tuple[Frames, LinePoints]]):
     ) -> None:
         self._make_tracker = make_tracker
         self._tracker: LineTracker | None = None
-        self._has_lobes = False
         super().__init__(self._follow(blocks))
 
     def so_far(self, start_s: float) -> Lines | None:
@@ -453,7 +452,7 @@ class FollowedLines(RememberedStream[Lines, tuple[Frames, LinePoints]]):
         points = LinePoints.join([*(points for _, points in past), held])
         points = points.since(begin_s).sorted()
         table = self._tracker.table_of(points)
-        return to_lines(frames, points, table, self._tracker.scalars(), has_lobes=self._has_lobes)
+        return to_lines(frames, points, table, self._tracker.scalars())
 
     def _follow(self, blocks: Iterator[Families | Peaks]) -> Iterator[Lines]:
         frames: Frames | None = None
@@ -462,7 +461,6 @@ class FollowedLines(RememberedStream[Lines, tuple[Frames, LinePoints]]):
             frames = peaks.frames
             if self._tracker is None:
                 self._tracker = self._make_tracker(frames, peaks)
-                self._has_lobes = peaks.is_aliased is not None
             tracker = self._tracker
             parts = []
             for index, frame_peaks in enumerate(split_frames(block, peaks)):
@@ -480,13 +478,11 @@ class FollowedLines(RememberedStream[Lines, tuple[Frames, LinePoints]]):
             if frames.n_frames:
                 now_s = float(frames.time_s[-1])
                 self._keep(now_s, (frames, points), now_s)
-            yield to_lines(frames, points, no_table(), tracker.scalars(), has_lobes=self._has_lobes)
+            yield to_lines(frames, points, no_table(), tracker.scalars())
         if self._tracker is not None and frames is not None:
             points, table = self._tracker.finish(), self._tracker.line_table()
             nothing = frames.take("frame", slice(0, 0))
-            yield to_lines(
-                nothing, points, table, self._tracker.scalars(), has_lobes=self._has_lobes
-            )
+            yield to_lines(nothing, points, table, self._tracker.scalars())
 
 
 def _peaks_of(block: Families | Peaks) -> Peaks:

@@ -47,6 +47,7 @@ from uwtrack_cli.motion.target_motion.observability import (
     is_manoeuvring,
     misfit_scale,
 )
+from uwtrack_cli.motion.target_motion.own_noise import is_own_noise
 from uwtrack_cli.motion.target_motion.own_ship import (
     USUAL_TOW_M,
     OwnPath,
@@ -97,6 +98,8 @@ class ContactAnswer:
     this contact's."""
     n_sources: int = 1
     """Sources that the contact's rows were taken apart into."""
+    is_own_noise: bool = False
+    """Whether it is likelier the ship that tows the array than a target."""
 
 
 def analyse_contacts(contacts: list[Measurements], options: TmaOptions) -> list[ContactAnswer]:
@@ -120,9 +123,12 @@ def analyse_contact(data: Measurements, options: TmaOptions) -> list[ContactAnsw
     if data.platforms is not None:
         problem = _with_offsets(problem, limits, data.platforms, options)
         options = _of_sensors(options, data.platforms)
+    is_own = _is_own_noise(data, problem, limits, options)
     if data.overlap_rows:
         problem = _allow_for_overlap(problem, limits, data.overlap_rows)
     found = _answers(data, problem, limits, options)
+    if is_own:
+        found = [replace(answer, is_own_noise=True) for answer in found]
     if data.platforms is not None:
         other = other_convention(problem, limits, found[0].modes[0].q)
         if other is not None:
@@ -132,6 +138,17 @@ def analyse_contact(data: Measurements, options: TmaOptions) -> list[ContactAnsw
             )
             warn(msg, UwtrackWarning, stacklevel=4)
     return found
+
+
+def _is_own_noise(
+    data: Measurements, problem: Problem, limits: SearchBounds, options: TmaOptions
+) -> bool:
+    """Return whether the contact is the ship that tows the array."""
+    if options.towing is None or problem.array_heading_rad is None:
+        return False
+    ways = [own_path(navigation, data) for navigation in (options.navigation, options.towing)]
+    best = float(minima_of(problem, limits).value[0])
+    return is_own_noise(problem, ways[0], ways[1], data.time_s, best)
 
 
 OTHER_CONVENTION = (
@@ -434,12 +451,25 @@ def build_problem(data: Measurements, options: TmaOptions) -> Problem:
         sound_speed_mps=options.sound_speed_mps,
         delayed=options.delayed,
         array_heading_rad=heading,
+        lobe_cosine=_lobe_cosine(data, options.design_frequency_hz),
         loss=loss,
         frequency_share=share,
         height_m=options.height_m,
         sensor=None if platforms is None else platforms.sensor,
         prior=options.prior,
         bounce=bounce,
+    )
+
+
+def _lobe_cosine(data: Measurements, design_frequency_hz: float | None) -> FloatArray | None:
+    """Return the distance of the cosines that the array's lobes have, (streams, rows)."""
+    if design_frequency_hz is None or data.frequency_hz.shape != data.bearing_deg.shape:
+        return None
+    usual_hz = np.nanmedian(data.frequency_hz, axis=1, keepdims=True)
+    return (
+        2.0
+        * design_frequency_hz
+        / np.where(np.isnan(data.frequency_hz), usual_hz, data.frequency_hz)
     )
 
 

@@ -72,9 +72,6 @@ class Measurements:
     mirrored_bearing_deg: FloatArray | None = None
     """Bearings that the array cannot tell from the first, degrees, shape (streams,
     rows); nan where the side is resolved; None: no array."""
-    is_aliased: BoolArray | None = None
-    """Whether a grating lobe may stand for each bearing, shape (streams, rows); None: no
-    array, or not known."""
     platforms: Platforms | None = None
     """The sensors of the table; None for one platform."""
     bounce_delay_s: FloatArray | None = None
@@ -213,7 +210,6 @@ def measurements_from_lines(lines: Lines) -> list[Measurements]:
     """
     frames = lines.frames
     lasting = (lines.line_contact > 0) & (lines.line_status != "hum")
-    aliased = lines.measured_is_aliased
     found = []
     for contact in np.unique(lines.line_contact[lasting]):
         ids = lines.line_id[lasting & (lines.line_contact == contact)]
@@ -250,7 +246,6 @@ def measurements_from_lines(lines: Lines) -> list[Measurements]:
                 time_s=time,
                 bearing_deg=spread(lines.measured_bearing_deg),
                 bearing_std_deg=spread(lines.measured_bearing_std_deg),
-                is_aliased=(None if aliased is None else spread(aliased.astype(float)) == 1.0),
                 frequency_hz=spread(lines.measured_frequency_hz),
                 frequency_std_hz=spread(lines.measured_frequency_std_hz),
                 line_id=np.sort(ids),

@@ -299,13 +299,15 @@ def _apart(problem: Problem, fit: DescentResult, a: int, b: int) -> bool:
 
 
 def _other_side(problem: Problem, fit: DescentResult, a: int, b: int) -> bool:
-    """Return whether two motions start on different sides of a line array."""
+    """Return whether two motions start on other sides, or in other lobes, of an array."""
     if problem.array_heading_rad is None:
         return False
     off = wrap_rad(fit.q[[a, b], 1] - problem.array_heading_rad[0])
     if np.isnan(off).any():
         return False
-    return bool(off[0] * off[1] < 0)
+    lobes = problem.lobe_cosine
+    apart = 2.0 if lobes is None else float(lobes.min())
+    return bool(off[0] * off[1] < 0 or abs(np.ptp(np.cos(off))) > 0.5 * apart)
 
 
 def _log_volume(matrix: FloatArray, span_s: float) -> FloatArray:
@@ -332,10 +334,15 @@ class TmaOptions:
     """Whether the measurements come from a table, not from lines."""
     navigation: Navigation | None = None
     """Own ship; None for a platform that stands still."""
+    towing: Navigation | None = None
+    """The ship that tows the array whose way ``navigation`` is; None: nothing does."""
     solver: SolverName = "mle"
     """Name of the solver."""
     array_heading: str = "none"
     """Direction of a line array: 'none', 'course' or 'heading'."""
+    design_frequency_hz: float | None = None
+    """Frequency at which the array's hydrophones lie half a wavelength apart, Hz; None: no
+    array heard the lines."""
     fixed_heading_deg: float | None = None
     """Heading of a fixed sensor, degrees; None without a sensor."""
     height_m: float = 0.0

@@ -33,12 +33,8 @@ LARGEST_SPEED_STD_MPS = 5.0
 LARGEST_COURSE_STD_RAD = np.radians(60.0)
 
 
-ALIASED = (
-    "aliased: a grating lobe of the array may stand for every bearing (the lines lie above "
-    "the frequency at which its hydrophones are half a wavelength apart), and other "
-    "contacts may be the same vessel: lines below that frequency tell which"
-)
-"""Why nothing is stated of a contact all of whose bearings have lobes."""
+OWN_NOISE = "own ship: the sound comes from where the ship is that tows the array, without Doppler"
+"""Why nothing is stated of a contact that is the own ship."""
 
 
 def reasons_of(mode: ModeAnswer, answer: ContactAnswer) -> dict[str, str]:
@@ -73,19 +69,10 @@ def reasons_of(mode: ModeAnswer, answer: ContactAnswer) -> dict[str, str]:
         )
         if hidden
     }
-    share = _aliased_share(answer)
-    if share == 1.0:  # each of its lobes is a contact that fits as well
-        reasons |= dict.fromkeys(MOTION, ALIASED)
+    if answer.is_own_noise:
+        reasons |= dict.fromkeys(("range_m", "speed_mps", "course_deg"), OWN_NOISE)
     now = dict(zip(NOW, MOTION, strict=True))
     return reasons | {key: reasons[of] for key, of in now.items() if of in reasons}
-
-
-def _aliased_share(answer: ContactAnswer) -> float:
-    """Return the share of the bearings that may be those of grating lobes."""
-    heard = ~np.isnan(answer.data.bearing_deg)
-    if answer.data.is_aliased is None or not heard.any():
-        return 0.0
-    return float(np.mean(answer.data.is_aliased[heard]))
 
 
 def _at_least(range_m: float) -> str:
@@ -174,11 +161,6 @@ def report_of(
         f"chance of range within 10 %, speed within 3 kn and course within 7 deg: "
         f"{seen.probability:.3f}"
     )
-    share = _aliased_share(answer)
-    if 0.0 < share < 1.0:
-        parts.append(
-            f"a grating lobe of the array may stand for {100.0 * share:.0f} % of the bearings"
-        )
     parts += _words_of_legs(mode, answer)
     parts += _complaints(mode, answer) + _shares(answer)
     if "range_m" in reasons:

@@ -131,7 +131,8 @@ class Residuals:
     scaled: tuple[ScaledLines, ...]
     """What the lines are in proportion to."""
     side: FloatArray
-    """Sign by which an array's folded bearing answers the true one."""
+    """Slope of the bearing's residual over the true one, 1 but for the cones of an array,
+    shape (trials or 1, streams or 1, rows or 1)."""
     rest_hz: FloatArray
     """Rest frequencies, Hz, and the factor of delays, shape (trials, lines)."""
     prediction: Prediction
@@ -186,22 +187,32 @@ def residuals(
 def bearing_errors(
     problem: Problem, model_rad: FloatArray, data_rad: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return model less data, (trials, streams, rows), and the sign of folded bearings.
+    """Return model less data, and its slope over the bearing, (trials, streams, rows).
 
     Where the array's heading is nan, the row's bearing resolves the side. Bearings of
     the model have the shape (trials, rows), measured ones (trials or 1, streams, rows),
     rad.
+
+    Notes
+    -----
+    A line array measures the cosine u of the angle from its axis, with a deviation that
+    does not depend on the angle, and u + k c / (f d) as well. Its error is that of the
+    nearest such u, over the sine of the measured angle, which the deviation was divided by.
     """
     off = wrap_rad(model_rad[:, np.newaxis] - data_rad)
     heading = problem.array_heading_rad
     if heading is None:
-        return off, np.ones((1, 1))
+        return off, np.ones((1, 1, 1))
     is_open = ~np.isnan(heading)
     heading = np.where(is_open, heading, 0.0)
-    relative = wrap_rad(model_rad - heading)
-    folded = np.abs(wrap_rad(data_rad - heading))
-    off = np.where(is_open, np.abs(relative)[:, np.newaxis] - folded, off)
-    return off, np.where(is_open, np.sign(relative), 1.0)
+    relative, measured = (model_rad - heading)[:, np.newaxis], data_rad - heading
+    cosine = np.cos(measured) - np.cos(relative)
+    if problem.lobe_cosine is not None:
+        cosine -= problem.lobe_cosine * np.round(cosine / problem.lobe_cosine)
+    least = 0.0 if problem.cone_std_rad is None else problem.cone_std_rad
+    angle = 1.0 / np.maximum(np.abs(np.sin(measured)), least)
+    slope = np.where(is_open, np.sin(relative) * angle, 1.0)
+    return np.where(is_open, cosine * angle, off), slope
 
 
 def _without_offsets(problem: Problem, off: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -428,17 +439,16 @@ def normal_blocks(problem: Problem, r: Residuals) -> NormalBlocks:
     """Accumulate the normal equations in the state and what is projected out."""
     bearing_jacobian = r.prediction.bearing_jacobian
     weight = problem.bearing_weight * loss_weight(r.bearing, problem.loss)
-    pull = (weight * r.bearing).sum(1) * r.side
+    pull = (weight * r.bearing * r.side).sum(1)
     each = weight * problem.bearing_weight
-    strength = each.sum(1)
+    strength = (each * r.side**2).sum(1)
     matrix = (bearing_jacobian * strength[:, np.newaxis]) @ np.swapaxes(bearing_jacobian, 1, 2)
     gradient = (bearing_jacobian @ pull[:, :, np.newaxis])[:, :, 0]
     empty = np.zeros((gradient.shape[0], 0))
     cross, diagonal, slope = np.zeros((*gradient.shape, 0)), empty, empty
     if problem.offset_std_rad is not None:
         precision = problem.offset_precision
-        sided = bearing_jacobian * r.side[:, np.newaxis]
-        cross = sided @ np.swapaxes(each, 1, 2)
+        cross = bearing_jacobian @ np.swapaxes(each * r.side, 1, 2)
         diagonal = each.sum(-1) + precision
         prior = np.where(r.offset_rad == 0.0, 0.0, precision) * r.offset_rad
         slope = (weight * r.bearing).sum(-1) + prior

@@ -134,11 +134,12 @@ def offset_pull(problem: Problem, r: Residuals) -> FloatArray:
 
 
 def _plain_rows(problem: Problem, r: Residuals) -> FloatArray:
-    bearing = r.prediction.bearing_jacobian[0] * r.side[0]
+    bearing = r.prediction.bearing_jacobian[0]
     own = len(bearing)
     streams = problem.bearing_weight.shape[0]
     rows = np.zeros((streams + problem.n_lines, problem.n_rows, own + problem.n_lines))
-    rows[:streams, :, :own] = problem.bearing_weight[:, :, np.newaxis] * bearing.T[np.newaxis]
+    sided = problem.bearing_weight * r.side[0]
+    rows[:streams, :, :own] = sided[:, :, np.newaxis] * bearing.T[np.newaxis]
     for one in r.scaled:
         partials = (one.slope[0] * one.jacobian[0]).T
         for line in range(problem.n_lines)[one.lines]:

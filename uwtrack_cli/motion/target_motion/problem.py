@@ -74,6 +74,12 @@ class Problem:
     array_heading_rad: FloatArray | None = None
     """Heading of a line array that cannot resolve left from right, rad, shape (rows,);
     None for bearings that resolve the side."""
+    cone_std_rad: FloatArray | None = None
+    """Deviations of bearings as they were measured, rad, shape (streams, rows): how near to
+    its axis an array still tells angles; None until there is a heading."""
+    lobe_cosine: FloatArray | None = None
+    """Distance of the cosines that a line array cannot tell apart, c / (f d), shape
+    (streams, rows); None, or beyond 2: there is one."""
     loss: Loss = "squares"
     """Loss of a whitened residual."""
     frequency_share: float = 1.0
@@ -92,6 +98,13 @@ class Problem:
     bounce: Bounce | None = None
     """The reflected path whose delays are the last line; None: there are no delays.
     Their rest "frequency" is the factor of the depths."""
+
+    def __post_init__(self) -> None:
+        """Keep the deviations that cones have before anything is weighed."""
+        if self.array_heading_rad is not None and self.cone_std_rad is None:
+            with np.errstate(divide="ignore"):
+                std = 1.0 / self.bearing_weight
+            object.__setattr__(self, "cone_std_rad", np.where(np.isfinite(std), std, 1.0))
 
     @property
     def n_rows(self) -> int:
@@ -144,7 +157,7 @@ class Problem:
 
     def rows(self, index: IntArray | slice) -> "Problem":
         """Keep some rows of the measurements."""
-        heading = self.array_heading_rad
+        heading, cone_std, lobes = self.array_heading_rad, self.cone_std_rad, self.lobe_cosine
         return replace(
             self,
             track=self.track.rows(index),
@@ -153,8 +166,18 @@ class Problem:
             frequency_hz=self.frequency_hz[:, :, index],
             frequency_weight=self.frequency_weight[:, index],
             array_heading_rad=None if heading is None else heading[index],
+            cone_std_rad=None if cone_std is None else cone_std[:, index],
+            lobe_cosine=None if lobes is None else lobes[:, index],
             sensor=None if self.sensor is None else self.sensor[index],
         )
+
+    def of_streams(self, stream: IntArray) -> "Problem":
+        """Return the problem with what cones need of one stream per row, as the only one."""
+        cone_std, lobes = (
+            None if each is None else each[stream, np.arange(stream.size)][np.newaxis]
+            for each in (self.cone_std_rad, self.lobe_cosine)
+        )
+        return replace(self, cone_std_rad=cone_std, lobe_cosine=lobes)
 
     def record(self, index: int) -> "Problem":
         """Keep one record."""

@@ -50,7 +50,7 @@ class RowMixture:
         heard = weight > 0
         model, _ = predict_values(problem.track, state, medium_of(problem))
         measured = problem.bearing_rad[:, np.newaxis, stream, rows]
-        off = bearing_errors(problem, model, measured)[0][:, 0]
+        off = bearing_errors(problem.of_streams(stream), model, measured)[0][:, 0]
         off, stream, weight = off[:, heard], stream[heard], weight[heard]
         other = self.other_density[heard]
         top = self.share * weight / np.sqrt(2.0 * np.pi)

@@ -337,7 +337,7 @@ def _navigation(
     time = _value_time_s(problem)
     turn, rate, near = (np.zeros(share.size) for _ in range(3))
     across = np.hypot(*r.prediction.bearing_jacobian[0, :2])
-    turn[bearings] = (problem.bearing_weight * across).ravel()
+    turn[bearings] = (problem.bearing_weight * np.abs(r.side[0]) * across).ravel()
     velocity, place = along_sight(problem, r)
     rate[bearings.stop :], near[bearings.stop :] = velocity.ravel(), place.ravel()
     turn, rate, near = share * turn, share * rate, share * near

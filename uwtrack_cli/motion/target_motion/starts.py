@@ -184,14 +184,18 @@ def block_averages(problem: Problem) -> Problem:
     centre = (edges[:-1] + edges[1:]) // 2
     reduced = problem.rows(centre)
     robust = problem.loss != "squares"
-    bearing = problem.bearing_rad[0]
-    if heading is not None:  # the folded angle, put back on the starboard side
-        bearing = np.abs(wrap_rad(bearing - heading))
+    bearing: FloatArray = problem.bearing_rad[0]
+    period: FloatArray = np.ones((1, 1))
+    if heading is not None:  # the cosine, put back on the starboard side
+        period = _cosine_periods(problem)
+        bearing = np.cos(bearing - heading) * 2.0 * np.pi / period
+        period = period[:, centre]
     angle, angle_weight = _gather(
         bearing, problem.bearing_weight, edges, robust=robust, circular=True
     )
     if reduced.array_heading_rad is not None:
-        angle = angle + reduced.array_heading_rad
+        cosine = np.clip(wrap_rad(angle) * period / (2.0 * np.pi), -1.0, 1.0)
+        angle = np.arccos(cosine) + reduced.array_heading_rad
     frequency, frequency_weight = _gather(
         problem.frequency_hz[0], problem.frequency_weight, edges, robust=robust
     )
@@ -199,9 +203,21 @@ def block_averages(problem: Problem) -> Problem:
         reduced,
         bearing_rad=angle[np.newaxis],
         bearing_weight=angle_weight,
+        cone_std_rad=None,
         frequency_hz=frequency[np.newaxis],
         frequency_weight=frequency_weight,
     )
+
+
+UNIQUE_COSINE = 4.0
+"""Distance of lobes that never come into view."""
+
+
+def _cosine_periods(problem: Problem) -> FloatArray:
+    """Return the distance of an array's lobes in the cosine, shape (streams, rows)."""
+    shape = problem.bearing_weight.shape
+    lobes = problem.lobe_cosine
+    return np.full(shape, UNIQUE_COSINE) if lobes is None else np.minimum(lobes, UNIQUE_COSINE)
 
 
 def _gather(
@@ -249,11 +265,16 @@ def start_grid(problem: Problem, limits: SearchBounds) -> FloatArray:
     return from_motion(*(axis.ravel() for axis in axes)).reshape(-1, 4)
 
 
+MOST_LOBES, IN_VIEW, MOST_COSINE = 20, 0.05, 0.9995
+"""Lobes to each side, and the share of their distance by which one may lie beyond the
+axis and still be in view: noise carries it there."""
+
+
 def first_bearings(problem: Problem) -> FloatArray:
     """Return the candidates for the bearing at time zero, rad.
 
     A straight line through the first bearings gives it; an array that does not
-    resolve the side has two; without bearings a ring of them must do.
+    resolve the side has two for each of its lobes; without bearings a ring of them must do.
     """
     heard = (problem.bearing_weight > 0).any(0)
     rows = np.flatnonzero(heard)[: max(4, problem.n_rows // 10)]
@@ -264,19 +285,30 @@ def first_bearings(problem: Problem) -> FloatArray:
     if heading is not None and np.isnan(heading[rows]).any():
         heading = None
     angle = problem.bearing_rad[0][:, rows]
-    if heading is not None:
-        angle = np.abs(wrap_rad(angle - heading[rows]))
+    if heading is not None:  # the lines that have the fewest lobes
+        period = np.where(weight > 0, _cosine_periods(problem)[:, rows], 0.0)
+        stream = period.max(1).argmax()
+        apart = float(period[stream].max())
+        weight = np.where(period > 0.9 * apart, weight, 0.0)
+        rows, weight = rows[weight.any(0)], weight[:, weight.any(0)]
+        angle = problem.bearing_rad[0][:, rows]
+        angle = np.cos(angle - heading[rows]) * 2.0 * np.pi / apart
     reference = np.median(np.angle((weight * np.exp(1j * angle)).sum(0)))
     offset = wrap_rad(angle - reference)
     middle = (weight * offset).sum(0) / weight.sum(0)
-    if problem.loss == "squares":
+    if problem.loss == "squares" and rows.size > 1:
         start = np.polyfit(problem.row_time_s[rows], middle, 1)[1]
     else:
         start = np.median(middle)
     guess = reference + start
     if heading is None:
         return np.array([guess])
-    return np.array([heading[rows[0]] + guess, heading[rows[0]] - guess])
+    lobe = guess * apart / (2.0 * np.pi) + apart * np.arange(-MOST_LOBES, MOST_LOBES + 1)
+    # a line through noisy cones may begin beyond the axis
+    farthest = max(1.0 + IN_VIEW * apart, float(np.abs(lobe).min()))
+    lobe = np.clip(lobe[np.abs(lobe) <= farthest], -MOST_COSINE, MOST_COSINE)
+    seen = np.arccos(lobe)
+    return np.concatenate([heading[rows[0]] + seen, heading[rows[0]] - seen])
 
 
 def _best_of_each_range(problem: Problem, grid: FloatArray, count: int) -> FloatArray:
