@@ -13,6 +13,7 @@ from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.target_motion.contact import ContactAnswer
 from uwtrack_cli.motion.target_motion.contact_pairing import Pairings
 from uwtrack_cli.motion.target_motion.cross_fix import grid_state
+from uwtrack_cli.motion.target_motion.error_budget import BOUNCE_DEPTHS
 from uwtrack_cli.motion.target_motion.model import to_motion
 from uwtrack_cli.motion.target_motion.modes import Interval, ModeAnswer, TmaOptions
 from uwtrack_cli.motion.target_motion.problem import MotionPrior
@@ -626,6 +627,8 @@ def _nuisance_table(answers: list[ContactAnswer], options: TmaOptions) -> dict[s
     deviations["sensor_position_m"] = max(
         (_sensor_position_std(answer) for answer in answers), default=np.nan
     )
+    if options.bounce is not None:
+        deviations[BOUNCE_DEPTHS] = 100.0 * options.bounce.relative_std
     means = {"sound_speed_mps": options.sound_speed_mps}
     owner, rows = flatten(
         mode.nuisance_shares.items() for answer in answers for mode in answer.modes
