@@ -515,17 +515,8 @@ def _row_table(answers: list[ContactAnswer]) -> dict[str, NDArray[Any]]:
             continue
         heard = np.flatnonzero(~np.isnan(answer.data.bearing_deg).all(axis=0))
         own = np.ones(rows.size) if answer.probability is None else answer.probability
-        parts.append(
-            np.stack(
-                [
-                    np.full(heard.size, float(answer.data.contact)),
-                    rows[heard] + 1.0,
-                    answer.data.time_s[heard],
-                    own[heard],
-                    answer.modes[0].bearing_residual_deg[heard],
-                ]
-            )
-        )
+        told = np.stack([rows + 1.0, answer.data.time_s, own, answer.modes[0].bearing_residual_deg])
+        parts.append(np.insert(told[:, heard], 0, answer.data.contact, axis=0))
     table = np.concatenate([np.empty((5, 0)), *parts], axis=1)
     return {
         "row_contact": table[0].astype(np.int64),
@@ -653,16 +644,12 @@ def _sensor_position_std(answer: ContactAnswer) -> float:
 
 
 def _update_table(answers: list[ContactAnswer]) -> dict[str, NDArray[Any]]:
-    empty = np.empty((0, 4))
+    empty, none = np.empty((0, 4)), np.empty(0)
     motion = np.concatenate([empty, *(a.update_motion for a in answers)])
     std = np.concatenate([empty, *(a.update_std for a in answers)])
+    contact = [np.full(a.update_rows.size, a.data.contact) for a in answers]
     return {
-        "update_contact": np.concatenate(
-            [np.empty(0, dtype=np.int64)]
-            + [np.full(a.update_rows.size, a.data.contact) for a in answers]
-        ),
-        "update_time_s": np.concatenate(
-            [np.empty(0), *(a.data.time_s[a.update_rows] for a in answers)]
-        ),
+        "update_contact": np.concatenate([none, *contact]).astype(np.int64),
+        "update_time_s": np.concatenate([none, *(a.data.time_s[a.update_rows] for a in answers)]),
         **_with_std(motion, std, "update_"),
     }
