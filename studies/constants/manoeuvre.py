@@ -12,6 +12,10 @@ their exact interval: python -m studies.constants.manoeuvre 60 4000 straight
 "worth" fits an alteration to every record, and prints how small the probability of the
 linear model is where the fitted one is above a half (`WORTH_A_FIT` of the package):
 python -m studies.constants.manoeuvre 1 11 worth
+
+"hidden" prints by how much the true motion of a target that goes from 8 to 9 knots beside
+an own ship that circles is likelier than the best straight one, nuisances fitted, and what
+the unknowns of the alteration cost: python -m studies.constants.manoeuvre 10 100 hidden
 """
 
 import sys
@@ -35,7 +39,8 @@ from uwtrack_cli.motion.target_motion import legs
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target_motion.legs import find_legs, seek_alteration
 from uwtrack_cli.motion.target_motion.problem import Problem
-from uwtrack_cli.motion.target_motion.solvers.marquardt import search_bounds
+from uwtrack_cli.motion.target_motion.row_noise import NO_MEMORY
+from uwtrack_cli.motion.target_motion.solvers.marquardt import minimise, search_bounds
 
 KNOWN = NuisanceDeviations(7.4, 1.0, 10.0, 0.1, 100.0)
 BOUNDS = search_bounds((20.0, 200_000.0), 18.0)
@@ -111,6 +116,28 @@ def worth(runs: int, seed: int) -> None:
         print(f"from {limit}: {share:.2f} of all are fitted, {missed} are missed")
 
 
+def hidden(runs: int, seed: int) -> None:
+    """Print what tells a change of speed beside a circling own ship, record by record."""
+    true = make_scenario("S2").solution()
+    faster = true[2:] / np.hypot(*true[2:]) * 1852.0 / 3600.0
+    half = STEP_S * (COUNT // 2 - 0.5)
+    altered = np.concatenate([true, faster, [half, np.log(2.0 * STEP_S)]])
+    told, cost = [], []
+    for k in range(runs):
+        drawn = make_problem(make_scenario("S2"), noise=1.0, seed=seed + k)
+        problem = legs._with_durations(turned(drawn, "S2", 0.0, 1.0).record(0))  # noqa: SLF001
+        straight = fit_from_truth(problem, true).q[0]
+        limits = legs.with_one_more(BOUNDS, problem)
+        best = minimise(problem, altered[np.newaxis], limits, iterations=200).q[0]
+        models = [legs._Linear(problem, q, KNOWN) for q in (straight, best, altered)]  # noqa: SLF001
+        least = [0.5 * one.least(NO_MEMORY)[0] for one in models]
+        odds = models[1].evidence(NO_MEMORY) - models[0].evidence(NO_MEMORY)
+        told.append(least[0] - least[2])
+        cost.append(least[0] - least[1] - odds)
+    for name, values in (("log likelihood of the truth over straight", told), ("cost", cost)):
+        print(f"{name}: {min(values):.1f} to {max(values):.1f}, median {np.median(values):.1f}")
+
+
 def main(runs: int, seed: int = 11, *, only_straight: bool = False) -> None:
     """Print a line for every scenario, noise and change, and the false ones of all."""
     changes = ((0.0, 0.0), *(() if only_straight else TURNS))
@@ -135,5 +162,7 @@ def main(runs: int, seed: int = 11, *, only_straight: bool = False) -> None:
 if __name__ == "__main__":
     if "worth" in sys.argv:
         worth(*map(int, sys.argv[1:3]))
+    elif "hidden" in sys.argv:
+        hidden(*map(int, sys.argv[1:3]))
     else:
         main(*map(int, sys.argv[1:3]), only_straight="straight" in sys.argv)

@@ -12,17 +12,25 @@ from uwtrack_cli.files.tables.series import read_series
 from uwtrack_cli.motion.options import BounceGeometry, Nuisances
 from uwtrack_cli.motion.target_motion.bounce import bounce_of
 from uwtrack_cli.motion.target_motion.contact import build_problem
-from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
+from uwtrack_cli.motion.target_motion.error_budget import (
+    BOUNCE_DEPTHS,
+    NuisanceDeviations,
+    error_budget,
+)
 from uwtrack_cli.motion.target_motion.inputs import measurements_from_series
 from uwtrack_cli.motion.target_motion.model import from_state
 from uwtrack_cli.motion.target_motion.modes import TmaOptions
-from uwtrack_cli.motion.target_motion.objective import misfit
+from uwtrack_cli.motion.target_motion.objective import misfit, residuals
+from uwtrack_cli.motion.target_motion.observability import information
+from uwtrack_cli.motion.target_motion.solvers.marquardt import minimise, search_bounds
 from uwtrack_cli.motion.tma import estimate_motion
 
 DEPTHS = BounceGeometry(
     water_depth_m=150.0, sensor_depth_m=40.0, source_depth_m=10.0,
     source_depth_std_m=7.0, water_depth_std_m=2.0,
 )  # fmt: skip
+
+BOUNDS = search_bounds((20.0, 200_000.0), 30.0)
 
 
 def image_delays(path, east, north):
@@ -194,3 +202,43 @@ def test_depths_of_which_no_deviation_is_told_are_those_of_a_chart_and_a_mooring
     parts = [0.5 / 140.0, 2.0 / 197.0, 2.402 * (1.0 / 140.0 + 1.0 / 197.0)]
     found = bounce_of(given, None).relative_std
     assert found == pytest.approx(np.linalg.norm(parts), rel=1e-3)
+
+
+def test_the_depths_move_the_range_as_their_share_says():
+    table, own, truth, _ = bounce_delays.draw(9008)
+    found = estimate(table, own, bounce=bounce_delays.GEOMETRY)
+    row = found.nuisance_name.tolist().index(BOUNCE_DEPTHS)
+    bounce = bounce_of(bounce_delays.GEOMETRY, None)
+    std = bounce.relative_std
+    assert found.nuisance_std[row] == pytest.approx(100.0 * std)
+    assert 0.1 < found.nuisance_share[row] < 1.0
+    # of measurements without an error the covariance of the linear model is exact
+    exact = NuisanceDeviations()
+    options = TmaOptions(
+        navigation=own, nuisances=exact, sound_speed_mps=1500.0, is_table=True, bounce=bounce
+    )
+    problem = build_problem(measurements_from_series(table)[0], options)
+    angle, course = np.radians(truth[[1, 3]])
+    velocity = truth[2] * np.array([np.sin(course), np.cos(course)])
+    q = np.array([np.log(truth[0]), angle, *velocity])
+    r = residuals(problem, q[np.newaxis], rest_hz=np.ones((1, 1)))
+    problem = replace(
+        problem,
+        bearing_rad=problem.bearing_rad + r.bearing[0] / problem.bearing_weight,
+        frequency_hz=problem.frequency_hz
+        + r.frequency[0] / np.maximum(problem.frequency_weight, 1e-300),
+    )
+    budget = error_budget(problem, q, information(problem, q), exact, with_coloured_noise=False)
+    # a factor whose prior mean is 1 + step: the same delays in a unit that is as much larger
+    moved = []
+    for step in (0.02 * std, -0.02 * std):
+        other = replace(
+            problem,
+            frequency_hz=problem.frequency_hz / (1.0 + step),
+            frequency_weight=problem.frequency_weight * (1.0 + step),
+        )
+        moved.append(minimise(other, q[np.newaxis], BOUNDS, iterations=500, tolerance=1e-12).q[0])
+    shift = (moved[0] - moved[1]) / 0.04
+    np.testing.assert_allclose(
+        budget.parts[BOUNCE_DEPTHS][:4, :4], np.outer(shift, shift), rtol=0.02, atol=1e-7
+    )

@@ -351,7 +351,8 @@ def _contacts(
         msg = (
             f"target motion needs either a table of bearings and frequencies or "
             f"tracked lines, got {found}; make lines with 'uwtrack track' or "
-            f"'uwtrack trace'."
+            f"'uwtrack trace', or directions with 'uwtrack directions', which are taken "
+            f"where there are neither."
         )
         raise DataError(msg)
     contacts = [] if lines is None else measurements_from_lines(lines)

@@ -447,6 +447,21 @@ def test_series_printed_as_csv_reads_back(tmp_path):
     assert read_series(tmp_path / "b.csv").equals(series)
 
 
+def test_a_table_without_contacts_stays_one_when_it_is_printed_as_csv(tmp_path):
+    text = "time_s,sensor,sensor_east_m,sensor_north_m,bearing_deg\n0,a,0,0,10\n0,b,9,0,20\n"
+    (tmp_path / "a.csv").write_text(text)
+    series = read_series(tmp_path / "a.csv")
+    assert series.contact_numbers == "common"
+    printed = "\n".join(write_table(series, "csv"))
+    (tmp_path / "b.csv").write_text(printed)
+    again = read_series(tmp_path / "b.csv")
+    assert again.contact_numbers == "common"
+    assert again.contact.tolist() == [1, 1]
+    (tmp_path / "b.csv").write_text(printed.replace("common", "commune", 1))
+    with pytest.raises(DataError, match="own or common"):
+        read_series(tmp_path / "b.csv")
+
+
 def test_sensor_prints_as_names_and_values():
     printed = list(write_table(Sensor(id="h1", depth_m=22.0)))
     assert "id                           h1" in printed

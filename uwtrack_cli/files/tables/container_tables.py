@@ -76,7 +76,12 @@ def write_table(
     if form in {"json", "jsonl"}:
         rows = map(with_old_keys, rows)
         return _json_array(rows) if form == "json" else map(_json, rows)
-    return _csv(container, rows, axis) if form == "csv" else _table(container, rows)
+    if form != "csv":
+        return _table(container, rows)
+    if isinstance(container, Series) and container.contact_numbers != "own" and axis is None:
+        # without this the numbers would be read as each sensor's own
+        rows = ({**row, "contact_numbers": container.contact_numbers} for row in rows)
+    return _csv(container, rows, axis)
 
 
 def _rows(container: Container, axis: str | None) -> Iterable[Row]:

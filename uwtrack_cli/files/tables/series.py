@@ -32,7 +32,7 @@ from uwtrack_cli.files.tables.csv_table import (
 
 OTHERS = (
     "sensor_latitude", "sensor_longitude", "sensor_east_m", "sensor_north_m",
-    "array_heading_deg",
+    "array_heading_deg", "contact_numbers",
 )  # fmt: skip
 """Columns that say where a sensor was, and how a line array lay."""
 
@@ -78,11 +78,7 @@ def read_series(path: Path | str, *, sensors: Sequence[Sensor] | None = None) ->
     _remark_on_radians(table, values["bearing_deg"])
     values["mirrored_bearing_deg"] = _mirrored(table, values)
     values["bearing_deg"] = values["bearing_deg"] % 360.0
-    series = Series(
-        **values,
-        contact_numbers="own" if "contact" in table or "sensor" not in table else "common",
-        where=table.where,
-    )
+    series = Series(**values, contact_numbers=_contact_numbers(table), where=table.where)
     _check_one_unit(table, series)
     return series if "sensor" not in table else _placed(series, table, sensors)
 
@@ -204,6 +200,19 @@ def _mirrored(table: Table, values: Mapping[str, Any]) -> FloatArray | None:
 
 Place = tuple[FloatArray, FloatArray, Origin | None]
 """East and north of every row, m, and the origin that they count from, if known."""
+
+
+def _contact_numbers(table: Table) -> str:
+    """Return whose the numbers of contacts are: what the table says, or what is usual."""
+    if "contact_numbers" not in table:
+        return "own" if "contact" in table or "sensor" not in table else "common"
+    told = table.cells["contact_numbers"]
+    for row, text in enumerate(told):
+        if text not in {"own", "common"} or text != told[0]:
+            table.fail(
+                row, f"contact_numbers must be own or common in all rows, got {shown(text)}."
+            )
+    return told[0] if told else "own"
 
 
 def _placed(series: Series, table: Table, sensors: Sequence[Sensor] | None) -> Series:

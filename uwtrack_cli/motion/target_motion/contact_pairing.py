@@ -468,13 +468,8 @@ def _with_alterations(
             found = seek_alteration(problem, q, options.nuisances)
         except np.linalg.LinAlgError:  # a way through the very place of a sensor
             break
-        if not found.log_odds.size:
-            break
-        top = float(found.log_odds.max())
-        mean = float(np.exp(found.log_odds - top).mean())
-        log_odds = log(found.prior_odds * mean) + top
-        best = max(best, evidence + float(np.logaddexp(0.0, log_odds)))
-        if log_odds < 0.0:
+        best = max(best, evidence + float(np.logaddexp(0.0, found.log_odds_of_any)))
+        if found.log_odds_of_any < 0.0:
             break
         limit = with_one_more(limit, problem)
         chances = found.log_odds.max(axis=1)

@@ -28,6 +28,9 @@ from uwtrack_cli.motion.target_motion.problem import Problem
 MOST_CELLS = 1000
 """Cells of a series beyond which rows are summed before their covariance is taken."""
 
+BOUNCE_DEPTHS = "bounce_depths_percent"
+"""Name under which the factor of the delays of a reflected path is reported."""
+
 WIDTH_SHARE = 0.25
 """Share of the record that matters as a whole to the motion."""
 
@@ -113,6 +116,11 @@ def error_budget(
             shift = inverse @ np.einsum("snp,sn->p", pull, change)
             parts[name] = np.outer(shift, shift)
         total = total + parts[name]
+    if problem.bounce is not None:
+        # an unknown of the fit with a prior: the covariance holds its error already
+        place = q.size + problem.n_tones
+        shift = inverse[place] / problem.bounce.relative_std
+        parts[BOUNCE_DEPTHS] = np.outer(shift, shift)
     return ErrorBudget(total, parts)
 
 

@@ -125,13 +125,19 @@ class Alterations:
     """Odds of an alteration before the record."""
 
     @property
+    def log_odds_of_any(self) -> float:
+        """Log odds of one more alteration, of all instants and widths together."""
+        if not self.log_odds.size:
+            return -np.inf
+        top = self.log_odds.max()
+        return float(np.log(self.prior_odds * np.exp(self.log_odds - top).mean()) + top)
+
+    @property
     def probability(self) -> float:
         """Probability of one more alteration."""
         if not self.log_odds.size:
             return 0.0
-        top = self.log_odds.max()
-        odds = np.log(self.prior_odds * np.exp(self.log_odds - top).mean()) + top
-        return float(1.0 / (1.0 + np.exp(-np.clip(odds, -500.0, 500.0))))
+        return float(1.0 / (1.0 + np.exp(-np.clip(self.log_odds_of_any, -500.0, 500.0))))
 
     def spread(self, q: FloatArray, n_lines: int) -> FloatArray:
         """Return second moments of what the alteration that may be moves.

@@ -13,6 +13,7 @@ from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.target_motion.contact import ContactAnswer
 from uwtrack_cli.motion.target_motion.contact_pairing import Pairings
 from uwtrack_cli.motion.target_motion.cross_fix import grid_state
+from uwtrack_cli.motion.target_motion.error_budget import BOUNCE_DEPTHS
 from uwtrack_cli.motion.target_motion.model import to_motion
 from uwtrack_cli.motion.target_motion.modes import Interval, ModeAnswer, TmaOptions
 from uwtrack_cli.motion.target_motion.problem import MotionPrior
@@ -85,11 +86,9 @@ def _cause(mode: ModeAnswer, answer: ContactAnswer) -> str:
     n_parameters = mode.observability.n_parameters
     if answer.n_values < n_parameters:
         return f"{answer.n_values} values cannot fix {n_parameters} parameters"
-    no_bearings = bool(np.isnan(answer.data.bearing_deg).all())
-    singular = mode.observability.rank < n_parameters
-    if no_bearings:
+    if _has_no_bearing(answer):
         return f"frequencies alone do not fix the motion: {weakest} fits alike"
-    if singular and not answer.manoeuvring:
+    if mode.observability.rank < n_parameters and not answer.manoeuvring:
         if answer.data.line_id.size == 0:
             missing = "there are no frequency lines and own ship does not manoeuvre"
         else:
@@ -378,12 +377,18 @@ def course_ends(span: Interval) -> dict[str, float]:
     return {"course_low_deg": low % 360.0, "course_high_deg": high % 360.0}
 
 
-def _with_std(state: FloatArray, std: FloatArray, when: str = "") -> dict[str, float]:
-    """Return the columns of a motion in SI, with their deviations."""
-    found: dict[str, float] = {}
-    for key, value, spread in zip(MOTION, state * DEGREES, std * DEGREES, strict=True):
-        stem, unit = f"{when}{key}".rsplit("_", 1)
-        found |= {f"{stem}_{unit}": float(value), f"{stem}_std_{unit}": float(spread)}
+def _std_key(name: str) -> str:
+    """Return the name of the deviation of a column."""
+    stem, unit = name.rsplit("_", 1)
+    return f"{stem}_std_{unit}"
+
+
+def _with_std(state: FloatArray, std: FloatArray, when: str = "") -> dict[str, Any]:
+    """Return the columns of motions in SI, shape (..., 4), with their deviations."""
+    found: dict[str, Any] = {}
+    columns = ((one * DEGREES).T for one in (state, std))
+    for key, value, spread in zip(MOTION, *columns, strict=True):
+        found |= {f"{when}{key}": value, _std_key(f"{when}{key}"): spread}
     return found
 
 
@@ -456,8 +461,7 @@ def _blank(values: dict[str, Any], reasons: dict[str, str]) -> None:
     for key in reasons:
         if key not in values:
             continue
-        stem, unit = key.rsplit("_", 1)
-        values[key] = values[f"{stem}_std_{unit}"] = np.nan
+        values[key] = values[_std_key(key)] = np.nan
         if key in MOTION:
             place = MOTION.index(key)
             covariance[place, :] = covariance[:, place] = np.nan
@@ -493,17 +497,8 @@ def _row_table(answers: list[ContactAnswer]) -> dict[str, NDArray[Any]]:
             continue
         heard = np.flatnonzero(~np.isnan(answer.data.bearing_deg).all(axis=0))
         own = np.ones(rows.size) if answer.probability is None else answer.probability
-        parts.append(
-            np.stack(
-                [
-                    np.full(heard.size, float(answer.data.contact)),
-                    rows[heard] + 1.0,
-                    answer.data.time_s[heard],
-                    own[heard],
-                    answer.modes[0].bearing_residual_deg[heard],
-                ]
-            )
-        )
+        told = np.stack([rows + 1.0, answer.data.time_s, own, answer.modes[0].bearing_residual_deg])
+        parts.append(np.insert(told[:, heard], 0, answer.data.contact, axis=0))
     table = np.concatenate([np.empty((5, 0)), *parts], axis=1)
     return {
         "row_contact": table[0].astype(np.int64),
@@ -570,8 +565,7 @@ def _leg_rows(answer: ContactAnswer, mode: ModeAnswer) -> list[dict[str, float]]
         hidden = (spread > 1.0) | ~observable[:4]
         for key, is_hidden in zip(MOTION, hidden, strict=True):
             if is_hidden:
-                stem, unit = key.rsplit("_", 1)
-                values[key] = values[f"{stem}_std_{unit}"] = np.nan
+                values[key] = values[_std_key(key)] = np.nan
         found.append(values)
     return found
 
@@ -608,6 +602,8 @@ def _nuisance_table(answers: list[ContactAnswer], options: TmaOptions) -> dict[s
     deviations["sensor_position_m"] = max(
         (_sensor_position_std(answer) for answer in answers), default=np.nan
     )
+    if options.bounce is not None:
+        deviations[BOUNCE_DEPTHS] = 100.0 * options.bounce.relative_std
     means = {"sound_speed_mps": options.sound_speed_mps}
     owner, rows = flatten(
         mode.nuisance_shares.items() for answer in answers for mode in answer.modes
@@ -630,20 +626,12 @@ def _sensor_position_std(answer: ContactAnswer) -> float:
 
 
 def _update_table(answers: list[ContactAnswer]) -> dict[str, NDArray[Any]]:
-    empty = np.empty((0, 4))
-    motion = np.concatenate([empty, *(a.update_motion for a in answers)]) * DEGREES
-    std = np.concatenate([empty, *(a.update_std for a in answers)]) * DEGREES
-    table: dict[str, NDArray[Any]] = {
-        "update_contact": np.concatenate(
-            [np.empty(0, dtype=np.int64)]
-            + [np.full(a.update_rows.size, a.data.contact) for a in answers]
-        ),
-        "update_time_s": np.concatenate(
-            [np.empty(0), *(a.data.time_s[a.update_rows] for a in answers)]
-        ),
+    empty, none = np.empty((0, 4)), np.empty(0)
+    motion = np.concatenate([empty, *(a.update_motion for a in answers)])
+    std = np.concatenate([empty, *(a.update_std for a in answers)])
+    contact = [np.full(a.update_rows.size, a.data.contact) for a in answers]
+    return {
+        "update_contact": np.concatenate([none, *contact]).astype(np.int64),
+        "update_time_s": np.concatenate([none, *(a.data.time_s[a.update_rows] for a in answers)]),
+        **_with_std(motion, std, "update_"),
     }
-    for place, name in enumerate(MOTION):
-        stem, unit = name.rsplit("_", 1)
-        table[f"update_{name}"] = motion[:, place]
-        table[f"update_{stem}_std_{unit}"] = std[:, place]
-    return table
