@@ -7,7 +7,7 @@ from tests.draws.line_sounds import STEP_S, Scene, score, tracked
 from tests.lines.line_scenes import line_peaks
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.estimation.kalman import KalmanState
-from uwtrack_cli.lines.paths.path_ends import PathEnd, _is_there
+
 from uwtrack_cli.lines.track import track_lines
 from uwtrack_cli.lines.tracking.track_store import UNKNOWN_BEARING_VARIANCE
 

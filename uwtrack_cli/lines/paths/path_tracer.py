@@ -2,8 +2,8 @@
 
 **Method.** Windows overlap by one half. A path that runs beside the path of a line of
 the window before is that line; one that begins where a line that fell silent would be by
-now is that line, too, as in `lines.tracking.line_continuation`. Paths that begin where a
-machine's change of speed has put its lines go on with those (`path_ends`). Of each window
+now, or where a machine's change of speed has put it, is that line, too
+(`lines.stitching`). Of each window
 the middle half is final, where a path is best determined; the first window's beginning,
 the last one's end and the whole of a line that appears or ends are added.
 
@@ -13,20 +13,20 @@ the last one's end and the whole of a line that appears or ends are added.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.spectra import Spectrogram
-from uwtrack_cli.estimation.kalman import KalmanState
 from uwtrack_cli.lines.contacts import ContactSamples, line_table
 from uwtrack_cli.lines.families.comb_test import CombRule
 from uwtrack_cli.lines.families.harmonics import find_combs
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
-from uwtrack_cli.lines.line_points import FamilyJump, LinePoints, LineTable
+from uwtrack_cli.lines.line_points import LinePoints, LineTable
 from uwtrack_cli.lines.paths.meetings import Meetings
-from uwtrack_cli.lines.paths.path_ends import MeasuredPaths, PathEnd, find_jumped
+from uwtrack_cli.lines.paths.path_ends import MeasuredPaths
 from uwtrack_cli.lines.paths.path_search import (
     FoundPath,
     PathSearch,
@@ -46,8 +46,15 @@ from uwtrack_cli.lines.paths.trace_window import (
     smooth_window,
     to_window,
 )
+from uwtrack_cli.lines.stitching import (
+    LEAST_LOG_RATIO,
+    NO_ENDS,
+    FamilyJumps,
+    PieceEnds,
+    log_ratio_of_return,
+    stitched,
+)
 from uwtrack_cli.lines.tracker_options import Gates, Harmonics, ProcessNoise
-from uwtrack_cli.lines.tracking.line_continuation import LEAST_LOG_RATIO, log_ratio_of_return
 
 _FEWEST_FRAMES = 32
 """Frames with sound in a window below which its noise is not measured."""
@@ -88,8 +95,8 @@ class _Living:
     """First frame whose point is not out yet."""
     pending: LinePoints
     """Points that leave with the next window, if the line is not continued."""
-    end: PathEnd | None
-    """How it ends; None if it is too short to tell."""
+    end: PieceEnds
+    """How it ends; nothing if it is too short to tell."""
 
 
 class PathTracer:
@@ -112,8 +119,8 @@ class PathTracer:
         self.held: list[WindowData] = []
         self.n_held = 0
         self.living: list[_Living] = []
-        self.ended: list[PathEnd] = []
-        self.jumps: list[FamilyJump] = []
+        self.ended = NO_ENDS
+        self.jumps = FamilyJumps(resolution)
         self.next_line = 1
         self.next_frame = 0
         self.is_first = True
@@ -203,7 +210,9 @@ class PathTracer:
             return [living.pending for living in ended]
         measured = _along_paths(data, paths)
         cells = np.stack([p.cells for p in paths], axis=1)
-        along = MeasuredPaths(data, measured, self._smoothed(data, cells, measured))
+        motion = self.rule.motion
+        density = np.array([motion.own_density(data.window_s), motion.bearing_deg2ps3])
+        along = MeasuredPaths(data, measured, self._smoothed(data, cells, measured), density)
         is_line = np.isfinite(measured.variance[0])
         parts: list[LinePoints] = []
         living: list[_Living] = []
@@ -227,7 +236,7 @@ class PathTracer:
                     own, data.frame[whole], path.cells[whole],
                     int(data.frame[max(start, end) - 1]) + 1,
                     along.points(own, k, rest),
-                    along.end_of(own, k, path.stop),
+                    along.piece(own, k, slice(path.stop - 1, None, -1)),
                 ))  # fmt: skip
         self.living = _joined(living)
         self._classify(data, cells, lines, is_line)
@@ -235,9 +244,8 @@ class PathTracer:
 
     def _remember(self, lines: list[_Living], data: WindowData) -> None:
         """Keep how lines ended, as long as they may be heard again."""
-        first_s = float(data.time_s[0])
-        self.ended = [e for e in self.ended if first_s - e.time_s < self.silence_s]
-        self.ended += [line.end for line in lines if line.end is not None]
+        ended = PieceEnds.join([self.ended, *(line.end for line in lines)])
+        self.ended = ended.take(data.time_s[0] - ended.time_s < self.silence_s)
 
     def _heirs(self, data: WindowData, paths: list[FoundPath]) -> tuple[list[FoundPath], IntArray]:
         """Give the paths that run beside those of living lines their numbers.
@@ -267,25 +275,58 @@ class PathTracer:
         others are filled in. Returns the paths, those of lines that jumped cut where
         they did.
         """
+        n_frames = along.data.frame.size
+        order = sorted(range(len(paths)), key=lambda k: paths[k].first)
+        last = {int(lines[k]): k for k in order if lines[k]}  # of the paths of one line
+        # the paths of this window have their columns, less one for each, as numbers
+        ends = PieceEnds.join(
+            [
+                self.ended,
+                *(
+                    along.piece(-k - 1, k, slice(paths[k].stop - 1, None, -1))
+                    for k in order
+                    if paths[k].stop < n_frames and last.get(int(lines[k]), k) == k
+                ),
+            ]
+        )
+        begins = PieceEnds.join(
+            [
+                NO_ENDS,
+                *(
+                    along.piece(-k - 1, k, slice(paths[k].first, None))
+                    for k in order
+                    if not lines[k]
+                ),
+            ]
+        )
+        follows = self._returned(along.data, ends, begins)
         inside = {old.line for old in self.living if old.out_to <= old.frame[0]}
-        silent, fresh = list(self.ended), []
-        for k in sorted(range(len(paths)), key=lambda k: paths[k].first):
+        fresh = []
+        for k in order:
             if lines[k] == 0:
-                lines[k] = self._returned(along, k, paths[k].first, silent)
+                before = follows.get(-k - 1, 0)
+                lines[k] = lines[-before - 1] if before < 0 else before
             if lines[k] == 0:
                 lines[k] = self.next_line
                 inside.add(self.next_line)
                 self.next_line += 1
             if lines[k] in inside:  # no point of it is out
                 fresh.append(k)
-            silent = [end for end in silent if end.line != lines[k]]
-            end = along.end_of(int(lines[k]), k, paths[k].stop)
-            if end is not None and paths[k].stop < along.data.frame.size:
-                silent.append(end)
-        paths = self._jumped(along, paths, lines, fresh, silent)
-        taken = set(lines.tolist())
-        self.ended = [end for end in self.ended if end.line not in taken]
+        silent = ends.take(~np.isin(ends.line, list(follows.values())))
+        own = np.where(silent.line < 0, lines[-1 - np.minimum(silent.line, -1)], silent.line)
+        paths = self._jumped(along, paths, lines, fresh, replace(silent, line=own))
+        self.ended = self.ended.take(~np.isin(self.ended.line, lines))
         return paths
+
+    def _returned(self, data: WindowData, ends: PieceEnds, begins: PieceEnds) -> dict[int, int]:
+        """Return the numbers of the ends that beginnings continue, by theirs."""
+        gap_s = begins.time_s - ends.time_s[:, None]
+        is_silent = (gap_s > 0.0) & (gap_s < self.silence_s)
+        band = float(data.frequency_hz[-1] - data.frequency_hz[0])
+        n_others = np.maximum(np.count_nonzero(is_silent, axis=0) + len(self.living), 1)
+        ratio = log_ratio_of_return(ends, begins, self.resolution_hz, n_others / band)
+        pairs = stitched(np.where(is_silent, ratio, -np.inf), LEAST_LOG_RATIO)
+        return {int(begins.line[new]): int(ends.line[old]) for old, new in pairs}
 
     def _jumped(
         self,
@@ -293,7 +334,7 @@ class PathTracer:
         paths: list[FoundPath],
         lines: IntArray,
         fresh: list[int],
-        silent: list[PathEnd],
+        silent: PieceEnds,
     ) -> list[FoundPath]:
         """Give new lines the numbers of those that have jumped to where they are.
 
@@ -301,72 +342,42 @@ class PathTracer:
         ``silent`` ends of the lines that may have jumped.
         """
         time, paths = along.data.time_s, list(paths)
-        begins: list[tuple[int, PathEnd]] = []
-        for k in fresh:
-            at_s = float(time[paths[k].first])
-            state = along.state_at(k, slice(paths[k].first, None), at_s)
-            is_begun = any(lines[k] == begin.line for _, begin in begins)
-            if state is not None and not is_begun:
-                begins.append((k, PathEnd(int(lines[k]), at_s, state)))
-        while found := find_jumped(
-            silent, [begin for _, begin in begins], self.jumps, along, lines
-        ):
+        first = {int(lines[k]): k for k in reversed(fresh)}
+        begins = PieceEnds.join(
+            [
+                NO_ENDS,
+                *(along.piece(line, k, slice(paths[k].first, None)) for line, k in first.items()),
+            ]
+        )
+        begins = begins.take(np.argsort(begins.time_s, kind="stable"))
+        while found := self.jumps.find(silent, begins, partial(along.kinks, lines)):
             jump, pairs = found
             for old, new in pairs:
                 # pairs before may have made a line of both
-                end, (k, begin) = silent[old], begins[new]
-                parts = np.flatnonzero(lines == end.line).tolist()
-                is_own = end.line == begin.line
-                last_s = end.time_s  # its points are out if it has no path here
+                line, number = int(begins.line[new]), int(silent.line[old])
+                k = first[line]
+                parts = np.flatnonzero(lines == number).tolist()
+                last_s = float(silent.time_s[old])  # its points are out if it has no path here
                 if parts:
-                    last_s = min(last_s, max(jump.time_s, begin.time_s))
+                    last_s = min(last_s, max(jump.time_s, float(begins.time_s[new])))
                 stop = int(np.searchsorted(time, last_s, "right"))
                 is_before = any(stop <= paths[i].first for i in parts)
-                if is_own or is_before or stop >= paths[k].stop:
+                if line == number or is_before or stop >= paths[k].stop:
                     continue
                 for i in parts:
                     paths[i] = replace(paths[i], stop=min(paths[i].stop, stop))
                 paths[k] = replace(paths[k], first=max(paths[k].first, stop))
-                lines[lines == begin.line] = end.line
-                silent = self._renamed(begin.line, end.line, silent)
-            gone = {old for old, _ in pairs}
-            silent = [end for i, end in enumerate(silent) if i not in gone]
-            known = {new for _, new in pairs}
-            begins = [begin for i, begin in enumerate(begins) if i not in known]
+                lines[lines == line] = number
+                self.families.rename(line, number)
+                for each in self.jumps.told:
+                    if line in each.lines:
+                        each.lines.remove(line)
+                        each.lines.add(number)
+                silent.line[silent.line == line] = number
+            old, new = np.array(pairs).T
+            silent = silent.take(~np.isin(np.arange(silent.line.size), old))
+            begins = begins.take(~np.isin(np.arange(begins.line.size), new))
         return paths
-
-    def _renamed(self, line: int, number: int, ends: list[PathEnd]) -> list[PathEnd]:
-        """Enter what is known of a line under the number of one that it continues."""
-        self.families.rename(line, number)
-        for jump in self.jumps:
-            if line in jump.lines:
-                jump.lines.remove(line)
-                jump.lines.add(number)
-        return [replace(e, line=number) if e.line == line else e for e in ends]
-
-    def _returned(
-        self, along: MeasuredPaths, column: int, first: int, silent: list[PathEnd]
-    ) -> int:
-        """Return the number of the silent line that a path continues, 0 for none."""
-        data = along.data
-        begin_s = float(data.time_s[first])
-        silent = [end for end in silent if 0.0 < begin_s - end.time_s < self.silence_s]
-        now = along.state_at(column, slice(first, None), begin_s)
-        if not silent or now is None:
-            return 0
-        band = float(data.frequency_hz[-1] - data.frequency_hz[0])
-        density = (len(silent) + len(self.living)) / band
-        motion = self.rule.motion
-        noise = np.array([motion.own_density(data.window_s), motion.bearing_deg2ps3])
-        one = KalmanState(*(np.reshape(entry, (2, 1)) for entry in now))
-        ratio = [
-            float(log_ratio_of_return(
-                end.state, noise, begin_s - end.time_s, one, self.resolution_hz, density
-            )[0])
-            for end in silent
-        ]  # fmt: skip
-        best = int(np.argmax(ratio))
-        return silent[best].line if ratio[best] > LEAST_LOG_RATIO else 0
 
     def _is_heir(self, data: WindowData, path: FoundPath, old: _Living) -> bool:
         """Tell whether a path runs beside that of a living line."""
@@ -412,7 +423,7 @@ class PathTracer:
     def line_table(self) -> LineTable:
         """Return what is known of the lines, at the end."""
         return line_table(
-            self.samples, self.families, self.jumps,
+            self.samples, self.families, self.jumps.told,
             window_frames=1.0 / (self.resolution_hz * self.hop_s),
             resolution_hz=self.resolution_hz,
         )  # fmt: skip

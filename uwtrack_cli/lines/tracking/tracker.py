@@ -53,7 +53,6 @@ from uwtrack_cli.lines.families.lasting_families import FamilyRegister
 from uwtrack_cli.lines.line_points import LinePoints, LineTable, no_table, to_lines
 from uwtrack_cli.lines.tracker_options import ProcessNoise, TrackerOptions
 from uwtrack_cli.lines.tracking.association import Associator
-from uwtrack_cli.lines.tracking.family_jumps import FamilyJumps
 from uwtrack_cli.lines.tracking.frame_peaks import Choice, FramePeaks, split_frames
 from uwtrack_cli.lines.tracking.line_continuation import LineContinuation
 from uwtrack_cli.lines.tracking.llr_score import LlrScore
@@ -112,7 +111,6 @@ class LineTracker:
             self.store, self.resolution_hz, self.band_hz, options.gates.silence_s,
             may_turn=options.motion.adaptation > 0.0,
         )  # fmt: skip
-        self.jumps = FamilyJumps(self.store, self.resolution_hz)
         self.hop_s = frames.hop_s
         self.reference = peaks.reference
         self.families = FamilyRegister()
@@ -187,7 +185,7 @@ class LineTracker:
 
     def _table(self, held: ContactSamples) -> LineTable:
         return line_table(
-            held, self.families, self.jumps.told,
+            held, self.families, self.continuation.told,
             window_frames=self.window_frames, resolution_hz=self.resolution_hz,
         )  # fmt: skip
 
@@ -303,23 +301,9 @@ class LineTracker:
         fresh = slots[n_confirmed:][is_fresh]
         numbers = self.continuation.numbers(fresh, time_s)
         store.confirm(fresh, numbers)
-        self.jumps.watch(fresh[numbers == 0])
         if fresh.size or self.frames_seen % _JUMPS_EVERY == 0:
-            self._follow_jumps(time_s)
-
-    def _follow_jumps(self, time_s: float) -> None:
-        """Give new lines the numbers of those that have jumped with their family."""
-        if self.jumps.is_idle or not self.continuation.may_jump:
-            return
-        silent = self.continuation.silent()
-        jumped = self.jumps.find(silent, time_s)
-        if not jumped:
-            return
-        slots, old = np.array([(line.slot, line.old) for line in jumped]).T
-        for line, number in zip(jumped, silent.number[old].tolist(), strict=True):
-            self.store.line[line.slot] = number
-            self.families.rename(line.number, number)
-        self.continuation.go_on(slots, silent.take(old))
+            for number, older in self.continuation.jumped().items():
+                self.families.rename(number, older)
 
     def _is_vague(self, slots: IntArray) -> BoolArray:
         """Tell which lines are known too poorly to be separated from others."""
