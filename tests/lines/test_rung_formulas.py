@@ -11,12 +11,13 @@ from uwtrack_cli.lines.contacts import ContactSamples
 from uwtrack_cli.lines.families.comb_test import CombRule
 from uwtrack_cli.lines.families.harmonics import Comb
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
-from uwtrack_cli.lines.paths.path_ends import MeasuredPaths, PathEnd
+from uwtrack_cli.lines.paths.path_ends import MeasuredPaths
 from uwtrack_cli.lines.paths.path_tracer import PathTracer
 from uwtrack_cli.lines.paths.trace_window import Measured, WindowData, measure, smooth_window
 from uwtrack_cli.lines.rungs.best_basis import RungLines, _covering, _evidence, beside
 from uwtrack_cli.lines.rungs.rung_links import _Jump, _Told
 from uwtrack_cli.lines.rungs.same_line import SAME_LINE, line_evidence
+from uwtrack_cli.lines.stitching import NO_ENDS, PieceEnds
 from uwtrack_cli.lines.tracker_options import Gates
 from uwtrack_cli.lines.tracking.tracker import LastLook
 
@@ -271,18 +272,20 @@ def test_the_end_of_a_path_is_the_straight_course_there():
     raw = np.zeros((7, n, 1))
     states = np.zeros((n, 5, 2, 1))
     states[:, 0, 1], states[:, 2, 1] = np.arange(n)[:, None], 7.0
-    paths = MeasuredPaths(data, Measured(position, variance, raw), states)
-    end = paths.end_of(3, 0, 50)
+    paths = MeasuredPaths(data, Measured(position, variance, raw), states, np.array([2.0, 3.0]))
+    end = paths.piece(3, 0, slice(49, None, -1)).take(0)
     assert (end.line, end.time_s) == (3, data.time_s[49])
-    assert end.state.position == pytest.approx([value[49], 49.0])
-    assert end.state.rate[0] == pytest.approx(0.02)
+    assert end.noise_density.tolist() == [2.0, 3.0]
+    assert end.kalman.position == pytest.approx([value[49], 49.0])
+    assert end.kalman.rate[0] == pytest.approx(0.02)
+    assert paths.piece(3, 0, slice(6, None, -1)).line.size == 0  # too few frames
     use = data.time_s[10:50] - data.time_s[49]  # forty frames, and one is not known
     use = np.delete(use, 20)
     use = np.append(data.time_s[9] - data.time_s[49], use)
     _, covariance = np.polyfit(use, value[:40], 1, w=np.full(40, 10.0), cov="unscaled")
-    assert end.state.variance == pytest.approx([covariance[1, 1], 7.0], rel=1e-4)
-    assert end.state.covariance[0] == pytest.approx(covariance[0, 1], rel=1e-4)
-    assert end.state.rate_variance[0] == pytest.approx(covariance[0, 0], rel=1e-4)
+    assert end.kalman.variance == pytest.approx([covariance[1, 1], 7.0], rel=1e-4)
+    assert end.kalman.covariance[0] == pytest.approx(covariance[0, 1], rel=1e-4)
+    assert end.kalman.rate_variance[0] == pytest.approx(covariance[0, 0], rel=1e-4)
     points = paths.points(3, 0, slice(28, 33))
     assert points.frame.tolist() == list(range(28, 33))
     assert np.unique(points.association[[0, 1, 3, 4]]).size == 1
@@ -290,11 +293,15 @@ def test_the_end_of_a_path_is_the_straight_course_there():
 
 
 def test_lines_that_may_be_heard_again_are_remembered_for_two_minutes():
-    ends = [PathEnd(k, at_s, None) for k, at_s in ((1, 79.9), (2, 80.1), (3, 190.0))]
-    tracer = SimpleNamespace(ended=ends, silence_s=Gates().silence_s)
-    fresh = [SimpleNamespace(end=None), SimpleNamespace(end=PathEnd(4, 199.0, None))]
+    def end_of(line, at_s):
+        n = len(line)
+        return PieceEnds(np.array(line), np.array(at_s), np.zeros((n, 5, 2)), np.zeros((n, 2)))
+
+    tracer = SimpleNamespace(ended=end_of([1, 2, 3], [79.9, 80.1, 190.0]), silence_s=120.0)
+    assert Gates().silence_s == 120.0
+    fresh = [SimpleNamespace(end=NO_ENDS), SimpleNamespace(end=end_of([4], [199.0]))]
     PathTracer._remember(tracer, fresh, SimpleNamespace(time_s=np.array([200.0])))
-    assert [end.line for end in tracer.ended] == [2, 3, 4]
+    assert tracer.ended.line.tolist() == [2, 3, 4]
 
 
 @pytest.mark.parametrize(("stride", "wanted"), [(1, 8.0), (4, 2.0), (20, 1.0)])

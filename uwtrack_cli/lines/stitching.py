@@ -40,6 +40,12 @@ LEAST_LOG_RATIO = 1.6
 RETURNING = 0.5
 """Prior probability that a line which fell silent comes back."""
 
+TURNING = 0.5
+"""Prior probability that a line which comes back has another rate."""
+
+TURN_WINDOWS = 3.0
+"""Mean time from the last peak before a turn to the first one after it, in windows."""
+
 LEAST_STD, LEAST_RATE_STD = 0.3, 0.2
 """Floors of the deviations of differences of frequencies, in resolutions, and of rates, in
 resolutions per window: the first peaks of a new line may be noise's, and a machine does
@@ -150,6 +156,34 @@ def log_ratio_of_return(
     return np.asarray(
         np.log(RETURNING / strangers_per_hz) - 0.5 * (square + np.log(2.0 * np.pi * spread))
     )
+
+
+def log_ratio_of_turn(
+    ends: PieceEnds,
+    begins: PieceEnds,
+    now: KalmanState,
+    resolution_hz: float,
+    strangers_per_hz: float,
+) -> FloatArray:
+    """Logarithm of "the same line with another rate" over "a stranger", shape (end, begin).
+
+    Shapes of ends and beginnings broadcast; ``now`` are states that know the new rates,
+    entries of shape (2, begin).
+    """
+    before, begin = ends.kalman, begins.kalman
+    gap_s = np.maximum(begins.time_s - ends.time_s, 0.0)
+    # it went on for an unknown part of the gap, and with the new rate for the rest
+    between = (now.rate[0] - before.rate[0]) * gap_s
+    doubt = 0.25 * (before.rate_variance[0] + now.rate_variance[0]) * gap_s**2
+    spread = before.variance[0] + begin.variance[0] + between**2 / 12.0 + doubt
+    spread = spread + (LEAST_STD * resolution_hz) ** 2
+    off = begin.position[0] - before.position[0] - 0.5 * (before.rate[0] + now.rate[0]) * gap_s
+    square = off**2 / spread + np.log(2.0 * np.pi * spread) + bearing_distance(before, begin)
+    log_ratio = np.log(RETURNING * TURNING / strangers_per_hz) - 0.5 * square
+    # it begins at once, where strangers begin at any time
+    wait_s = TURN_WINDOWS / resolution_hz
+    latest_s = begins.time_s.max(axis=1, keepdims=True)
+    return np.asarray(log_ratio + np.log(np.maximum(latest_s / wait_s, 1.0)) - gap_s / wait_s)
 
 
 def stitched(gain: FloatArray, least: float) -> list[tuple[int, int]]:

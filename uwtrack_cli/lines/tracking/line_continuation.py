@@ -28,21 +28,14 @@ from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.lines.line_points import FamilyJump
 from uwtrack_cli.lines.stitching import (
     LEAST_LOG_RATIO,
-    LEAST_STD,
-    RETURNING,
+    TURN_WINDOWS,
     FamilyJumps,
     PieceEnds,
-    bearing_distance,
     log_ratio_of_return,
+    log_ratio_of_turn,
     stitched,
 )
 from uwtrack_cli.lines.tracking.track_store import TrackStore
-
-TURNING = 0.5
-"""Prior probability that a line which comes back has another rate."""
-
-TURN_WINDOWS = 3.0
-"""Mean time from the last peak before a turn to the first one after it, in windows."""
 
 SILENT_FRAMES = 2
 """Frames without a peak of its own after which a line may have turned."""
@@ -220,25 +213,11 @@ class LineContinuation:
         """
         store = self.store
         rows = np.maximum(store.born[slots], old.row + 1)
-        first = PieceEnds(old.line, *store.recall(slots, rows))
-        begin_s, begin = first.time_s, first.kalman
-        gap_s = np.maximum(begin_s - old.time_s, 0.0)
-        before, now = old.kalman, store.state_of(slots)
-        # it went on for an unknown part of the gap, and with the new rate for the rest
-        between = (now.rate[0] - before.rate[0]) * gap_s
-        doubt = 0.25 * (before.rate_variance[0] + now.rate_variance[0]) * gap_s**2
-        spread = before.variance[0] + begin.variance[0] + between**2 / 12.0 + doubt
-        spread = spread + (LEAST_STD * self.resolution_hz) ** 2
-        middle = before.position[0] + 0.5 * (before.rate[0] + now.rate[0]) * gap_s
-        off = begin.position[0] - middle
-        log_ratio = -0.5 * (off**2 / spread + np.log(2.0 * np.pi * spread))
-        log_ratio -= 0.5 * bearing_distance(before, begin)
-        log_ratio += np.log(RETURNING * TURNING / density)
-        # it begins at once, where strangers begin at any time
-        wait_s = TURN_WINDOWS / self.resolution_hz
-        latest_s = begin_s.max(axis=1, keepdims=True)
-        log_ratio += np.log(np.maximum(latest_s / wait_s, 1.0)) - gap_s / wait_s
+        begun = PieceEnds(old.line, *store.recall(slots, rows))
+        log_ratio = log_ratio_of_turn(
+            old, begun, store.state_of(slots), self.resolution_hz, density
+        )
         # who was beside the old line for longer is another one
         early_s = old.time_s - store.time_of(store.risen[slots])
-        log_ratio[early_s > wait_s] = -np.inf
-        return np.asarray(log_ratio)
+        log_ratio[early_s > TURN_WINDOWS / self.resolution_hz] = -np.inf
+        return log_ratio
