@@ -491,13 +491,14 @@ def test_what_is_found_later_follows_a_jump_that_is_known():
     before, now = jumped(4, 0, 6)
     jumps = FamilyJumps(1.0)
     begins = replace(ends_at(now), line=10 + np.arange(4))
-    jump, pairs = jumps.find(ends_at(before), begins)
+    _, pairs = jumps.find(ends_at(before), begins)
     assert len(pairs) == 4
+    ratio = jumps.told[0].ratio
     for wait_s, is_late in ((39.0, False), (41.0, True)):
         end, begin = ends_at([333.0]), replace(
-            ends_at([jump.ratio * 333.0], wait_s), line=np.array([20])
+            ends_at([ratio * 333.0], wait_s), line=np.array([20])
         )  # fmt: skip
         found = jumps.find(end, begin)
         assert (found is None) == is_late
-        assert found is None or (found[0] is jump and found[1] == [(0, 0)])
+        assert found is None or found == (jumps.told[0].time_s, [(0, 0)])
     assert len(jumps.told) == 1

@@ -15,7 +15,7 @@ from uwtrack_cli.lines.paths.path_ends import MeasuredPaths
 from uwtrack_cli.lines.paths.path_tracer import PathTracer
 from uwtrack_cli.lines.paths.trace_window import Measured, WindowData, measure, smooth_window
 from uwtrack_cli.lines.rungs.best_basis import RungLines, _covering, _evidence, beside
-from uwtrack_cli.lines.rungs.rung_links import _Jump, _Told
+from uwtrack_cli.lines.rungs.rung_links import _Jump, _steps_told
 from uwtrack_cli.lines.rungs.same_line import SAME_LINE, line_evidence
 from uwtrack_cli.lines.stitching import NO_ENDS, PieceEnds
 from uwtrack_cli.lines.tracker_options import Gates
@@ -89,40 +89,23 @@ def test_evidence_in_a_cell_is_that_of_its_independent_frames():
     assert found == pytest.approx(wanted)
 
 
-def stretches(*pairs):
-    begin, end = np.array(pairs, float).reshape(-1, 2).T
-    return _Told(begin, end)
-
-
-def test_the_time_that_two_lines_share_is_that_of_their_stretches():
+@pytest.mark.parametrize("hop_s", [0.5, 1.0, 2.0])
+def test_a_line_is_told_half_a_hop_about_its_points_that_stand_and_do_not_coast(hop_s):
+    """As counted on a grid much finer than the steps."""
     rng = np.random.default_rng(3)
-    grid = np.arange(0.0, 100.0, 0.01) + 0.005
     for _ in range(20):
-        one, two = (np.sort(rng.choice(100, 6, replace=False)).reshape(3, 2) for _ in "12")
-        told = [stretches(*pairs) for pairs in (one, two)]
-        inside = [
-            ((grid[:, None] > p[:, 0]) & (grid[:, None] < p[:, 1])).any(axis=1) for p in (one, two)
-        ]
-        common = 0.01 * np.count_nonzero(inside[0] & inside[1])
-        assert told[0].common_s(told[1]) == pytest.approx(common)
-        assert told[1].common_s(told[0]) == pytest.approx(common)
-        both = told[0].joined(told[1])
-        assert both.length_s == pytest.approx(0.01 * (inside[0] | inside[1]).sum())
-        assert (both.begin_s[1:] > both.end_s[:-1]).all()
-    assert stretches().common_s(told[0]) == 0.0
-    assert stretches((0, 4), (4, 9)).joined(stretches((20, 22))).begin_s.tolist() == [0, 20]
-
-
-def test_a_line_is_told_while_its_points_follow_each_other_and_do_not_coast():
-    rung = rung_of(2.0, [(np.array([0.0, 1, 2, 3.5, 5.1, 6, 7, 8]), np.full(8, 50.0))])
-    rung.ratio[6] = 0.0
-    stands = np.array([1, 1, 1, 1, 1, 1, 1, 1], bool)
-    told = _Told.of(rung, stands, 0)
-    # steps of 1.5 hops follow, of 1.6 and of two do not
-    assert told.begin_s.tolist() == [0.0, 5.1, 8.0]
-    assert told.end_s.tolist() == [3.5, 6.0, 8.0]
-    assert told.length_s == pytest.approx(4.4)
-    assert _Told.of(rung, np.zeros(8, bool), 0).length_s == 0.0
+        time_s = hop_s * (0.5 + np.sort(rng.choice(60, 30, replace=False)))
+        rung = rung_of(2.0 * hop_s, [(time_s, np.full(30, 50.0))])
+        assert rung.hop_s == hop_s
+        rung.ratio[rng.random(30) < 0.2] = 0.0
+        stands = rng.random(30) < 0.8
+        grid = np.arange(0.0, 130.0, 0.01) + 0.005
+        own = time_s[stands & (rung.ratio > 0.0)]
+        inside = (np.abs(grid[:, None] - own) < 0.5 * hop_s).any(axis=1)
+        found = _steps_told(rung, stands, 0, 0.5)
+        assert 0.5 * found.size == pytest.approx(0.01 * np.count_nonzero(inside))
+        assert np.array_equal(found, np.unique(np.floor(grid[inside] / 0.5)))
+    assert _steps_told(rung, np.zeros(30, bool), 0, 0.5).size == 0
 
 
 @pytest.mark.parametrize(

@@ -220,10 +220,19 @@ class FamilyJumps:
         self.resolution_hz = resolution_hz
         self.told: list[FamilyJump] = []
 
+    def rename(self, line: int, number: int) -> None:
+        """Enter a line under the number of one that it continues."""
+        for jump in self.told:
+            if line in jump.lines:
+                jump.lines.remove(line)
+                jump.lines.add(number)
+
     def find(
         self, ends: PieceEnds, begins: PieceEnds, through: Through | None = None
-    ) -> tuple[FamilyJump, list[tuple[int, int]]] | None:
-        """Return a jump with its pairs (end, beginning); None if chance explains all ratios.
+    ) -> tuple[float, list[tuple[int, int]]] | None:
+        """Return the time of a jump, s, and its pairs (end, beginning).
+
+        None if chance explains all ratios.
 
         One that was not known before is added to those that are told.
         """
@@ -242,7 +251,7 @@ class FamilyJumps:
             pairs = self._paired(place, begins, may_be & np.outer(is_end, is_begin))
             if pairs:
                 jump.lines.update(int(ends.line[i]) for i, _ in pairs)
-                return jump, pairs
+                return jump.time_s, pairs
         may_be &= (wait > -BEFORE_WINDOWS) & (wait < AFTER_WINDOWS)
         if through is None:
             return self._new(ends, begins, may_be, ends.line.size)
@@ -259,7 +268,7 @@ class FamilyJumps:
 
     def _new(
         self, ends: PieceEnds, begins: PieceEnds, may_be: BoolArray, n_ends: int
-    ) -> tuple[FamilyJump, list[tuple[int, int]]] | None:
+    ) -> tuple[float, list[tuple[int, int]]] | None:
         """Tell a jump, with its pairs of the first ends: the others run through."""
         pairs = self.common(ends, begins, may_be)
         ended = [pair for pair in pairs if pair[0] < n_ends]
@@ -274,7 +283,7 @@ class FamilyJumps:
             set(ends.line[old].tolist()),
         )
         self.told.append(jump)
-        return jump, ended
+        return jump.time_s, ended
 
     def common(
         self, ends: PieceEnds, begins: PieceEnds, may_be: BoolArray

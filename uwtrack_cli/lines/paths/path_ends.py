@@ -6,6 +6,7 @@ begin again elsewhere, and paths of its low ones run through with a kink: they t
 ratio of the jump, too (`lines.stitching`).
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,7 @@ from uwtrack_cli.data.lines import COASTED, DETECTED
 from uwtrack_cli.lines.line_points import LinePoints
 from uwtrack_cli.lines.paths.courses import FEWEST_FRAMES, fit_course
 from uwtrack_cli.lines.paths.trace_window import Measured, WindowData
-from uwtrack_cli.lines.stitching import REACH, PieceEnds
+from uwtrack_cli.lines.stitching import NO_ENDS, REACH, PieceEnds
 
 _KINK_WINDOWS, _SIDE_WINDOWS = 5.0, 17.0
 """A path that runs through a jump is looked at from so many windows away to so many: on
@@ -65,6 +66,10 @@ class MeasuredPaths:
             measured=measured.raw[:, index, column].T,
             association=np.where(is_measured, DETECTED, COASTED),
         )
+
+    def pieces(self, which: Iterable[tuple[int, int, slice]]) -> PieceEnds:
+        """Return where several pieces begin or end, each given as for `piece`."""
+        return PieceEnds.join([NO_ENDS, *(self.piece(*each) for each in which)])
 
     def kinks(self, lines: IntArray, at_s: float) -> tuple[PieceEnds, PieceEnds]:
         """Return the paths that run through a time with a kink, before and after it.

@@ -275,109 +275,63 @@ class PathTracer:
         others are filled in. Returns the paths, those of lines that jumped cut where
         they did.
         """
-        n_frames = along.data.frame.size
+        paths, time = list(paths), along.data.time_s
         order = sorted(range(len(paths)), key=lambda k: paths[k].first)
-        last = {int(lines[k]): k for k in order if lines[k]}  # of the paths of one line
-        # the paths of this window have their columns, less one for each, as numbers
-        ends = PieceEnds.join(
-            [
-                self.ended,
-                *(
-                    along.piece(-k - 1, k, slice(paths[k].stop - 1, None, -1))
-                    for k in order
-                    if paths[k].stop < n_frames and last.get(int(lines[k]), k) == k
-                ),
-            ]
+        newest = self.next_line
+        first = self._first_paths(lines, order)
+        begins = along.pieces((line, k, slice(paths[k].first, None)) for line, k in first.items())
+        ends = along.pieces(
+            (int(lines[k]), k, slice(paths[k].stop - 1, None, -1))
+            for k in order
+            if paths[k].stop < time.size
         )
-        begins = PieceEnds.join(
-            [
-                NO_ENDS,
-                *(
-                    along.piece(-k - 1, k, slice(paths[k].first, None))
-                    for k in order
-                    if not lines[k]
-                ),
-            ]
-        )
-        follows = self._returned(along.data, ends, begins)
+        silent = PieceEnds.join([self.ended, ends])
+        at_s, pairs = -np.inf, self._returned(along.data, silent, begins, begins.line >= newest)
+        while True:
+            for old, new in pairs:
+                # pairs before may have made a line of both
+                line, number = int(begins.line[new]), int(silent.line[old])
+                last_s = float(silent.time_s[old])  # its points are out if it has no path here
+                if number in lines:
+                    last_s = min(last_s, max(at_s, float(begins.time_s[new])))
+                stop = int(np.searchsorted(time, last_s, "right"))
+                if line != number and _is_cut(paths, first[line], lines == number, stop):
+                    lines[lines == line] = number
+                    silent.line[silent.line == line] = number
+                    self.families.rename(line, number)
+                    self.jumps.rename(line, number)
+            silent = silent.take(~np.isin(np.arange(silent.line.size), [old for old, _ in pairs]))
+            begins = begins.take(~np.isin(np.arange(begins.line.size), [new for _, new in pairs]))
+            found = self.jumps.find(silent, begins, partial(along.kinks, lines))
+            if found is None:
+                break
+            at_s, pairs = found
+        self.ended = self.ended.take(~np.isin(self.ended.line, lines))
+        return paths
+
+    def _first_paths(self, lines: IntArray, order: list[int]) -> dict[int, int]:
+        """Give new lines numbers; return the first path of each that has no point outside."""
         inside = {old.line for old in self.living if old.out_to <= old.frame[0]}
-        fresh = []
+        first: dict[int, int] = {}
         for k in order:
-            if lines[k] == 0:
-                before = follows.get(-k - 1, 0)
-                lines[k] = lines[-before - 1] if before < 0 else before
             if lines[k] == 0:
                 lines[k] = self.next_line
                 inside.add(self.next_line)
                 self.next_line += 1
-            if lines[k] in inside:  # no point of it is out
-                fresh.append(k)
-        silent = ends.take(~np.isin(ends.line, list(follows.values())))
-        own = np.where(silent.line < 0, lines[-1 - np.minimum(silent.line, -1)], silent.line)
-        paths = self._jumped(along, paths, lines, fresh, replace(silent, line=own))
-        self.ended = self.ended.take(~np.isin(self.ended.line, lines))
-        return paths
+            if lines[k] in inside:
+                first.setdefault(int(lines[k]), k)
+        return first
 
-    def _returned(self, data: WindowData, ends: PieceEnds, begins: PieceEnds) -> dict[int, int]:
-        """Return the numbers of the ends that beginnings continue, by theirs."""
+    def _returned(
+        self, data: WindowData, ends: PieceEnds, begins: PieceEnds, is_new: BoolArray
+    ) -> list[tuple[int, int]]:
+        """Return pairs of an end and of the new beginning that continues it."""
         gap_s = begins.time_s - ends.time_s[:, None]
-        is_silent = (gap_s > 0.0) & (gap_s < self.silence_s)
+        is_silent = (gap_s > 0.0) & (gap_s < self.silence_s) & is_new
         band = float(data.frequency_hz[-1] - data.frequency_hz[0])
         n_others = np.maximum(np.count_nonzero(is_silent, axis=0) + len(self.living), 1)
         ratio = log_ratio_of_return(ends, begins, self.resolution_hz, n_others / band)
-        pairs = stitched(np.where(is_silent, ratio, -np.inf), LEAST_LOG_RATIO)
-        return {int(begins.line[new]): int(ends.line[old]) for old, new in pairs}
-
-    def _jumped(
-        self,
-        along: MeasuredPaths,
-        paths: list[FoundPath],
-        lines: IntArray,
-        fresh: list[int],
-        silent: PieceEnds,
-    ) -> list[FoundPath]:
-        """Give new lines the numbers of those that have jumped to where they are.
-
-        As in `_named`; ``fresh`` are paths whose lines have no points outside yet,
-        ``silent`` ends of the lines that may have jumped.
-        """
-        time, paths = along.data.time_s, list(paths)
-        first = {int(lines[k]): k for k in reversed(fresh)}
-        begins = PieceEnds.join(
-            [
-                NO_ENDS,
-                *(along.piece(line, k, slice(paths[k].first, None)) for line, k in first.items()),
-            ]
-        )
-        begins = begins.take(np.argsort(begins.time_s, kind="stable"))
-        while found := self.jumps.find(silent, begins, partial(along.kinks, lines)):
-            jump, pairs = found
-            for old, new in pairs:
-                # pairs before may have made a line of both
-                line, number = int(begins.line[new]), int(silent.line[old])
-                k = first[line]
-                parts = np.flatnonzero(lines == number).tolist()
-                last_s = float(silent.time_s[old])  # its points are out if it has no path here
-                if parts:
-                    last_s = min(last_s, max(jump.time_s, float(begins.time_s[new])))
-                stop = int(np.searchsorted(time, last_s, "right"))
-                is_before = any(stop <= paths[i].first for i in parts)
-                if line == number or is_before or stop >= paths[k].stop:
-                    continue
-                for i in parts:
-                    paths[i] = replace(paths[i], stop=min(paths[i].stop, stop))
-                paths[k] = replace(paths[k], first=max(paths[k].first, stop))
-                lines[lines == line] = number
-                self.families.rename(line, number)
-                for each in self.jumps.told:
-                    if line in each.lines:
-                        each.lines.remove(line)
-                        each.lines.add(number)
-                silent.line[silent.line == line] = number
-            old, new = np.array(pairs).T
-            silent = silent.take(~np.isin(np.arange(silent.line.size), old))
-            begins = begins.take(~np.isin(np.arange(begins.line.size), new))
-        return paths
+        return stitched(np.where(is_silent, ratio, -np.inf), LEAST_LOG_RATIO)
 
     def _is_heir(self, data: WindowData, path: FoundPath, old: _Living) -> bool:
         """Tell whether a path runs beside that of a living line."""
@@ -448,6 +402,17 @@ def _is_beyond(
     score = path.score - float(excess[path.cells].mean())
     is_expected = (np.abs(expected - path.cells[0]) <= 2 * cells_per_bin).any()
     return bool(score > least.new or (is_expected and score > least.continued))
+
+
+def _is_cut(paths: list[FoundPath], later: int, is_part: BoolArray, stop: int) -> bool:
+    """Cut a line's paths at a frame, from which another one goes on, if that can be."""
+    parts = np.flatnonzero(is_part).tolist()
+    if stop >= paths[later].stop or any(stop <= paths[i].first for i in parts):
+        return False
+    for i in parts:
+        paths[i] = replace(paths[i], stop=min(paths[i].stop, stop))
+    paths[later] = replace(paths[later], first=max(paths[later].first, stop))
+    return True
 
 
 def _along_paths(data: WindowData, paths: list[FoundPath]) -> Measured:

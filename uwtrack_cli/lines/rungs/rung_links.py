@@ -17,8 +17,7 @@ Ratios of jumps agree within three standard deviations of their difference.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,9 +40,10 @@ Place = tuple[int, int]
 
 def numbers_of_lines(rungs: Sequence[RungLines], stands: Sequence[BoolArray]) -> list[IntArray]:
     """Return the number of each line, shape (line,) for each rung."""
+    step_s = min((rung.hop_s for rung in rungs), default=1.0)
     told, heard = (
         {
-            (number, line): _Told.of(rung, points[number], line)
+            (number, line): _steps_told(rung, points[number], line, step_s)
             for number, rung in enumerate(rungs)
             for line in range(rung.names.size)
         }
@@ -55,63 +55,26 @@ def numbers_of_lines(rungs: Sequence[RungLines], stands: Sequence[BoolArray]) ->
         a, b = group[one], group[two]
         if a == b:
             continue
-        shorter_s = min(heard[a].length_s, heard[b].length_s)
-        if told[a].common_s(told[b]) > DOUBLE_SHARE * shorter_s:
+        n_both = np.intersect1d(told[a], told[b], assume_unique=True).size
+        if n_both > DOUBLE_SHARE * min(heard[a].size, heard[b].size):
             continue
         for place in members[b]:
             group[place] = a
         members[a] += members.pop(b)
-        told[a] = told[a].joined(told[b])
-        heard[a] = heard[a].joined(heard[b])
+        told[a], heard[a] = np.union1d(told[a], told[b]), np.union1d(heard[a], heard[b])
     return _numbered(rungs, stands, members)
 
 
-@dataclass(frozen=True)
-class _Told:
-    """When a line is told."""
+def _steps_told(rung: RungLines, stands: BoolArray, line: int, step_s: float) -> IntArray:
+    """Return in which steps of time a line of a rung is told, ascending.
 
-    begin_s: FloatArray
-    """Begin of each stretch, ascending, shape (stretch,)."""
-    end_s: FloatArray
-    """Its end, shape (stretch,)."""
-
-    @classmethod
-    def of(cls, rung: RungLines, stands: BoolArray, line: int) -> Self:
-        """Return when a line of a rung is told: while its points follow each other."""
-        points = slice(int(rung.first[line]), int(rung.first[line + 1]))
-        is_heard = stands[points] & (rung.ratio[points] > 0.0)  # and does not coast
-        time_s = rung.time_s[points][is_heard]
-        is_apart = np.diff(time_s) > 1.5 * rung.hop_s
-        return cls(
-            time_s[np.append(True, is_apart)[: time_s.size]],
-            time_s[np.append(is_apart, True)[: time_s.size]],
-        )
-
-    @property
-    def length_s(self) -> float:
-        """Time in which it is told, s."""
-        return float((self.end_s - self.begin_s).sum())
-
-    def common_s(self, other: Self) -> float:
-        """Return the time in which both are told, s."""
-        if not (self.begin_s.size and other.begin_s.size):
-            return 0.0
-        edges = np.stack([self.begin_s, self.end_s], axis=1).ravel()
-        length = np.stack([np.zeros(self.begin_s.size), self.end_s - self.begin_s], 1)
-        before = np.cumsum(length.ravel())
-        ends, begins = (np.interp(t, edges, before) for t in (other.end_s, other.begin_s))
-        return float((ends - begins).sum())
-
-    def joined(self, other: Self) -> Self:
-        """Return when either is told."""
-        begin_s = np.concatenate([self.begin_s, other.begin_s])
-        end_s = np.concatenate([self.end_s, other.end_s])
-        order = np.argsort(begin_s, kind="stable")
-        begin_s, end_s = begin_s[order], np.maximum.accumulate(end_s[order])
-        # what reaches into the next stretch is one with it
-        is_first = np.append(True, begin_s[1:] > end_s[:-1])[: begin_s.size]
-        is_last = np.append(is_first[1:], True)[: begin_s.size]
-        return type(self)(begin_s[is_first], end_s[is_last])
+    A point tells the time for half a hop to either side, if it does not coast.
+    """
+    points = slice(int(rung.first[line]), int(rung.first[line + 1]))
+    is_heard = stands[points] & (rung.ratio[points] > 0.0)
+    first = np.floor((rung.time_s[points][is_heard] - 0.5 * rung.hop_s) / step_s + 1e-3)
+    n_steps = max(1, round(rung.hop_s / step_s))
+    return np.unique(first.astype(np.int64)[:, None] + np.arange(n_steps))
 
 
 def _companions(rungs: Sequence[RungLines]) -> list[tuple[Place, Place]]:
