@@ -255,7 +255,7 @@ def run_figures(setting: str, rule: SceneRule, seed: int) -> RunFigures:
             scene.peaks, spacing_hz=SPACING_HZ, teeth=TEETH, most_peaks=MOST_PEAKS,
             bearing_window_deg=chosen.bearing_window_deg,
         )  # fmt: skip
-    tracker = LineTracker(paper_options(chosen), scene.peaks.frames, scene.peaks)
+    tracker = LineTracker(paper_options(chosen), scene.peaks)
     tally = TrackerTally(scene, rule)
     for frame, peaks in enumerate(split_frames(block, scene.peaks)):
         tracker.step(frame, frame + 0.5, 1.0, peaks)

@@ -361,7 +361,7 @@ def pda_tracker(peaks):
         "score", ScoreLogic(), CountLogic(), Feedback(classifier="none"),
         Gates(), ProcessNoise(), Harmonics(),
     )  # fmt: skip
-    return PdaLineTracker(options, peaks.frames, peaks, snr_db=3.0, lowest_false_alarm=1e-6)
+    return PdaLineTracker(options, peaks, snr_db=3.0, lowest_false_alarm=1e-6)
 
 
 def crowd(seed, has_bearings):
@@ -497,7 +497,7 @@ def test_a_new_line_has_the_state_of_its_peak(rate_hzps):
         peaks, is_detection=np.ones(n, bool), bearing_deg=unknown,
         frequency_std_hz=np.linspace(0.05, 0.2, n),
     )  # fmt: skip
-    tracker = LineTracker(told, peaks.frames, peaks)
+    tracker = LineTracker(told, peaks)
     (frame,) = split_frames(peaks, peaks)
     free = np.arange(n) != 0
     tracker._start(frame, free, np.zeros(n))
@@ -677,7 +677,7 @@ def test_after_a_gap_a_line_known_within_less_than_it_is_wide_goes_on(hops, std,
     told = TrackerOptions(
         "count", ScoreLogic(), CountLogic(), Feedback(), Gates(), ProcessNoise(), Harmonics()
     )
-    tracker = LineTracker(told, peaks.frames, peaks)
+    tracker = LineTracker(told, peaks)
     state = KalmanState(*np.zeros((5, 2, 1)))
     state.position[0], state.variance[0] = 100.0, (std * RESOLUTION_HZ) ** 2
     tracker.store.start(

@@ -30,21 +30,19 @@ from uwtrack_cli.lines.paths.path_ends import MeasuredPaths
 from uwtrack_cli.lines.paths.path_search import (
     FoundPath,
     PathSearch,
-    beyond_outer_tiles,
     cell_scores,
     find_paths,
     is_same_line,
-    whiten,
+    whitened,
 )
 from uwtrack_cli.lines.paths.recording_noise import RecordingNoise, surrogate_scores
 from uwtrack_cli.lines.paths.trace_threshold import PathScores, TraceThreshold
 from uwtrack_cli.lines.paths.trace_window import (
     Measured,
     WindowData,
+    Windows,
     measure,
-    power_law,
-    smooth_window,
-    to_window,
+    smooth_paths,
 )
 from uwtrack_cli.lines.stitching import (
     LEAST_LOG_RATIO,
@@ -104,57 +102,42 @@ class PathTracer:
 
     def __init__(self, rule: TraceRule, first: Spectrogram) -> None:
         self.rule = rule
-        frequency = first.frequency_hz
-        resolution = 1.0 / first.frames.window_s
-        # the cells at zero are not exponential
-        low = max(rule.band_hz[0], 2.0 * resolution)
-        inside = np.flatnonzero((frequency >= low) & (frequency <= rule.band_hz[1]))
-        self.chosen = slice(int(inside[0]), int(inside[-1]) + 1)
-        self.resolution_hz = resolution
+        self.windows = Windows(first, rule.band_hz, rule.window_frames)
+        self.resolution_hz = resolution = 1.0 / first.frames.window_s
         self.weakest_line_snr_db = rule.threshold.weakest_line_snr_db(
             has_bearing=first.intensity_east is not None
         )
         self.hop_s = first.frames.hop_s
         self.silence_s = Gates().silence_s
-        self.held: list[WindowData] = []
-        self.n_held = 0
         self.living: list[_Living] = []
         self.ended = NO_ENDS
         self.jumps = FamilyJumps(resolution)
         self.next_line = 1
         self.next_frame = 0
-        self.is_first = True
-        self.noise = RecordingNoise(inside.size, first.frames.cells_per_bin)
+        self.noise = RecordingNoise(
+            self.windows.chosen.stop - self.windows.chosen.start, first.frames.cells_per_bin
+        )
         self.meetings = Meetings(resolution, rule.motion.own_density(first.frames.window_s))
         self.samples = ContactSamples(max(1, round(1.0 / (resolution * self.hop_s))))
         self.families = FamilyRegister()
 
     def push(self, block: Spectrogram) -> list[LinePoints]:
         """Take a block; return the points that have become final."""
-        self.held.append(to_window(block, self.chosen))
-        self.n_held += block.frames.n_frames
-        points = []
-        while self.n_held >= self.rule.window_frames:
-            data = WindowData.join(self.held)
-            points.append(self._window(data.take(slice(self.rule.window_frames)), None))
-            rest = data.take(slice(self.rule.window_frames // 2, None))
-            self.held, self.n_held = [rest], rest.frame.size
-        return points
+        return [self._window(data, is_last=False) for data in self.windows.push(block)]
 
     def finish(self) -> LinePoints:
         """Search what is left and return all points still held."""
-        half = self.rule.window_frames // 2
-        points = []
-        if self.n_held > (0 if self.is_first else half):
-            points.append(self._window(WindowData.join(self.held), self.n_held))
+        rest = self.windows.rest()
+        if rest is None:
+            points = [living.pending for living in self.living]
         else:
-            points.extend(living.pending for living in self.living)
+            points = [self._window(rest, is_last=True)]
         self.living = []
         points = [self.meetings.push(LinePoints.join(points), self.next_frame)]
         return self._noted([*points, self.meetings.finish()])
 
-    def _window(self, data: WindowData, last_stop: int | None) -> LinePoints:
-        """Find the lines of a window; ``last_stop`` is given for the last one."""
+    def _window(self, data: WindowData, *, is_last: bool) -> LinePoints:
+        """Find the lines of a window."""
         n_frames = data.frame.size
         threshold = self.rule.threshold
         scores = (
@@ -165,9 +148,7 @@ class PathTracer:
             for living in self.living
             if living.frame[0] <= data.frame[0] <= living.frame[-1]
         ]
-        even = data.floor / power_law(data.frequency_hz, data.exponent)
-        beyond = beyond_outer_tiles(even, data.frequency_hz, data.cells_per_bin)
-        ratio = whiten(data.power_ratio / beyond, data.cells_per_bin)
+        ratio = whitened(data)
         places = np.array(expected, dtype=np.int64)
         search = find_paths(cell_scores(ratio), ratio, scores, places, data.cells_per_bin)
         excess = self._excess(data, search)
@@ -178,12 +159,11 @@ class PathTracer:
             and _is_beyond(path, excess, scores, places, data.cells_per_bin)
         ]
         quarter = self.rule.window_frames // 4
-        final = (quarter, n_frames if last_stop else n_frames - quarter)
-        parts = self._continue(data, paths, final, is_last=last_stop is not None)
-        self.is_first = False
+        final = (quarter, n_frames if is_last else n_frames - quarter)
+        parts = self._continue(data, paths, final, is_last=is_last)
         self.next_frame = int(data.frame[final[1] - 1]) + 1
         points = LinePoints.join(parts)
-        if last_stop:
+        if is_last:
             return points
         return self._noted([self.meetings.push(points, self.next_frame)])
 
@@ -211,8 +191,11 @@ class PathTracer:
         measured = _along_paths(data, paths)
         cells = np.stack([p.cells for p in paths], axis=1)
         motion = self.rule.motion
+        states = smooth_paths(
+            data, measured, data.frequency_hz[cells].mean(axis=0), motion, self.hop_s
+        )
         density = np.array([motion.own_density(data.window_s), motion.bearing_deg2ps3])
-        along = MeasuredPaths(data, measured, self._smoothed(data, cells, measured), density)
+        along = MeasuredPaths(data, measured, states, density)
         is_line = np.isfinite(measured.variance[0])
         parts: list[LinePoints] = []
         living: list[_Living] = []
@@ -340,18 +323,6 @@ class PathTracer:
         _, ours, theirs = np.intersect1d(frames, old.frame, return_indices=True)
         is_common = np.ones(ours.size, dtype=bool)
         return is_same_line(cells[ours], old.cells[theirs], is_common, data.cells_per_bin)
-
-    def _smoothed(self, data: WindowData, cells: IntArray, measured: Measured) -> FloatArray:
-        """Smooth the paths' measurements; return states, (frame, 5, 2, line)."""
-        motion = self.rule.motion
-        middle = data.frequency_hz[cells].mean(axis=0)
-        density = np.stack([
-            motion.frequency_density(middle, data.window_s),
-            np.full(middle.size, motion.bearing_deg2ps3),
-        ])  # fmt: skip
-        rate_hzps = motion.rate_std_hzps(data.window_s, self.hop_s)
-        rate_std = np.array([rate_hzps, motion.bearing_rate_degps])
-        return smooth_window(measured, data.time_s, density, rate_std)
 
     def _classify(
         self, data: WindowData, cells: IntArray, lines: IntArray, is_line: BoolArray
