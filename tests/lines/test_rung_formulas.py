@@ -15,7 +15,7 @@ from uwtrack_cli.lines.paths.path_ends import MeasuredPaths
 from uwtrack_cli.lines.paths.path_tracer import PathTracer
 from uwtrack_cli.lines.paths.trace_window import Measured, WindowData, measure, smooth_window
 from uwtrack_cli.lines.rungs.best_basis import RungLines, _covering, _evidence, beside
-from uwtrack_cli.lines.rungs.rung_links import _Jump, _steps_told
+from uwtrack_cli.lines.rungs.rung_links import _steps_told, joined_jumps
 from uwtrack_cli.lines.rungs.same_line import SAME_LINE, line_evidence
 from uwtrack_cli.lines.stitching import NO_ENDS, PieceEnds
 from uwtrack_cli.lines.tracker_options import Gates
@@ -113,9 +113,20 @@ def test_a_line_is_told_half_a_hop_about_its_points_that_stand_and_do_not_coast(
     [(8.0, 0.0, True), (8.1, 0.0, False), (0.0, 0.0149, True), (0.0, -0.0151, False)],
 )
 def test_jumps_of_two_rungs_are_one_by_time_and_ratio(late_s, off, is_one):
-    one = _Jump(4, 100.0, 1.05, 0.003, 1)
-    other = _Jump(3, 100.0 + late_s, 1.05 + off, 0.004, 1)
-    assert one.is_same(other, 8.0) == other.is_same(one, 8.0) == is_one
+    def told(count, time_s, ratio, std):
+        return SimpleNamespace(
+            line_id=np.array([3, 5]), line_contact=np.array([1, 2]),
+            jump_line_count=np.array([count]), jump_time_s=np.array([time_s]),
+            jump_ratio=np.array([ratio]), jump_ratio_std=np.array([std]),
+            jump_contact=np.array([1]),
+        )  # fmt: skip
+
+    rungs = [SimpleNamespace(window_s=w, names=np.array([3, 5])) for w in (8.0, 2.0)]
+    lines = [told(3, 100.0 + late_s, 1.05 + off, 0.004), told(4, 100.0, 1.05, 0.003)]
+    found = joined_jumps(lines, rungs, [np.array([2, 1])] * 2, np.array([7, 8]))
+    assert found["jump_time_s"].tolist() == [100.0] + [100.0 + late_s] * (not is_one)
+    assert found["jump_line_count"].tolist() == [4] + [3] * (not is_one)
+    assert set(found["jump_contact"].tolist()) == {8}  # that of line 3, which is number 2
 
 
 def test_joined_points_have_the_nearest_frame_of_the_shortest():
