@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import combinations
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from uwtrack_cli.estimation.kalman import KalmanState, predict
 from uwtrack_cli.estimation.noise_floor import EDGE_STEP, TILE_BINS
 from uwtrack_cli.lines.paths import path_search
 from uwtrack_cli.lines.paths.path_search import MOVE_PENALTY, FoundPath
+from uwtrack_cli.lines.paths.path_tracer import is_heir
 from uwtrack_cli.lines.paths.recording_noise import RecordingNoise, _filled, _shifts
 from uwtrack_cli.lines.paths.trace_threshold import PathBearing, PathScores, TraceThreshold
 from uwtrack_cli.lines.paths.trace_window import WindowData
@@ -112,13 +114,16 @@ def test_paths_are_taken_one_after_another_if_they_share_little(seed):
 
 
 def test_two_paths_are_one_line_within_a_bin_in_at_least_four_frames():
-    cells, common = np.full(9, 50), np.arange(9) < 4
-    same = path_search.is_same_line
-    assert same(cells, cells + PER_BIN, common, PER_BIN)
-    assert not same(cells, cells + PER_BIN + 1, common, PER_BIN)
-    assert not same(cells, cells, np.arange(9) < 3, PER_BIN)
-    far = np.where(common, cells - PER_BIN, 0)  # only common frames count
-    assert same(cells, far, common, PER_BIN)
+    cells = np.full(9, 50)
+    data = SimpleNamespace(frame=100 + np.arange(9), cells_per_bin=PER_BIN)
+    path = FoundPath(cells, 0, 9, 1.0)
+    early = 96 + np.arange(9)  # five frames in common
+    assert is_heir(data, path, data.frame, cells + PER_BIN)
+    assert not is_heir(data, path, data.frame, cells + PER_BIN + 1)
+    assert is_heir(data, replace(path, stop=4), early, cells)
+    assert not is_heir(data, replace(path, stop=3), early, cells)
+    far = np.where(np.arange(9) >= 4, cells - PER_BIN, 0)  # only common frames count
+    assert is_heir(data, path, early, far)
 
 
 def test_a_cells_score_is_the_likelihood_of_a_steady_line_up_to_its_cap():

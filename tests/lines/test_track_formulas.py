@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 from scipy.special import i0
-from scipy.stats import ncx2, norm
+from scipy.stats import multivariate_normal, ncx2, norm
 
 from tests.lines.line_scenes import line_peaks, some_frames
 from uwtrack_cli.estimation.kalman import KalmanState
@@ -114,12 +114,13 @@ def test_a_return_is_weighed_by_gaussians_against_strangers_in_the_band(is_known
     )
     found = log_ratio_of_return(ends, begins, RESOLUTION_HZ, strangers_per_hz)
     mean, covariance = carried(before, 0, 0, gap_s, 1e-4)
-    floor = (0.3 * RESOLUTION_HZ) ** 2, (0.2 * RESOLUTION_HZ**2) ** 2
-    place = np.sqrt(covariance[0, 0] + now.variance[0, 0] + floor[0])
-    slip = np.sqrt(covariance[1, 1] + now.rate_variance[0, 0] + floor[1])
-    wanted = np.log(0.5 / strangers_per_hz)
-    wanted += norm.logpdf(now.position[0, 0], mean[0], place)
-    wanted -= 0.5 * ((now.rate[0, 0] - mean[1]) / slip) ** 2
+    covariance += np.diag([(0.3 * RESOLUTION_HZ) ** 2, (0.2 * RESOLUTION_HZ**2) ** 2])
+    both = now.covariance[0, 0]
+    covariance += [[now.variance[0, 0], both], [both, now.rate_variance[0, 0]]]
+    course = [now.position[0, 0], now.rate[0, 0]]
+    # a stranger has any rate up to half a hertz in two seconds, either way
+    wanted = np.log(0.5 / strangers_per_hz * 0.5)
+    wanted += multivariate_normal.logpdf(course, mean, covariance)
     if is_known:
         mean, covariance = carried(before, 0, 1, gap_s, 1e-2)
         around = covariance[0, 0] + now.variance[1, 0]

@@ -148,14 +148,14 @@ def log_ratio_of_return(
     old, now = ends.take(np.arange(ends.line.size)[:, None]), begins.kalman
     gap_s = np.maximum(begins.time_s - old.time_s, 0.0)
     ahead = predict(old.kalman, gap_s, np.moveaxis(old.noise_density, -1, 0))
-    spread = ahead.variance[0] + now.variance[0] + (LEAST_STD * resolution_hz) ** 2
-    slip_spread = ahead.rate_variance[0] + now.rate_variance[0]
-    slip_spread = slip_spread + (LEAST_RATE_STD * resolution_hz**2) ** 2
-    square = (now.position[0] - ahead.position[0]) ** 2 / spread
-    square += (now.rate[0] - ahead.rate[0]) ** 2 / slip_spread + bearing_distance(ahead, now)
-    return np.asarray(
-        np.log(RETURNING / strangers_per_hz) - 0.5 * (square + np.log(2.0 * np.pi * spread))
+    expected, found = (KalmanState(*(entry[0] for entry in state)) for state in (ahead, now))
+    square, determinant = course_distance(
+        expected, found, LEAST_STD * resolution_hz, LEAST_RATE_STD * resolution_hz**2
     )
+    square = square + np.log((2.0 * np.pi) ** 2 * determinant) + bearing_distance(ahead, now)
+    # a stranger has any rate up to a resolution in a window, either way
+    prior = RETURNING * 2.0 * resolution_hz**2 / strangers_per_hz
+    return np.asarray(np.log(prior) - 0.5 * square)
 
 
 def log_ratio_of_turn(

@@ -385,13 +385,3 @@ def _greatest_sum(values: FloatArray) -> tuple[int, int]:
     lowest = np.minimum.accumulate(total)
     stop = int(np.argmax(total[1:] - lowest[:-1])) + 1
     return int(np.argmin(total[:stop])), stop
-
-
-def is_same_line(
-    cells: IntArray, other: IntArray, is_common: BoolArray, cells_per_bin: int
-) -> bool:
-    """Tell whether two paths over the same frames are one line."""
-    if np.count_nonzero(is_common) < 4:
-        return False
-    away = np.abs(cells - other)[is_common]
-    return bool(np.median(away) <= cells_per_bin)

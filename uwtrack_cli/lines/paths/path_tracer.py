@@ -32,7 +32,6 @@ from uwtrack_cli.lines.paths.path_search import (
     PathSearch,
     cell_scores,
     find_paths,
-    is_same_line,
     whitened,
 )
 from uwtrack_cli.lines.paths.recording_noise import RecordingNoise, surrogate_scores
@@ -243,7 +242,7 @@ class PathTracer:
                 before = [paths[i].stop for i in np.flatnonzero(lines == old.line)]
                 begin = max([paths[k].first, *before])
                 is_mostly_later = 2 * begin < paths[k].first + paths[k].stop
-                if is_mostly_later and self._is_heir(data, paths[k], old):
+                if is_mostly_later and is_heir(data, paths[k], old.frame, old.cells):
                     paths[k] = replace(paths[k], first=begin)
                     lines[k] = old.line
                     break
@@ -316,14 +315,6 @@ class PathTracer:
         ratio = log_ratio_of_return(ends, begins, self.resolution_hz, n_others / band)
         return stitched(np.where(is_silent, ratio, -np.inf), LEAST_LOG_RATIO)
 
-    def _is_heir(self, data: WindowData, path: FoundPath, old: _Living) -> bool:
-        """Tell whether a path runs beside that of a living line."""
-        frames = data.frame[path.first : path.stop]
-        cells = path.cells[path.first : path.stop]
-        _, ours, theirs = np.intersect1d(frames, old.frame, return_indices=True)
-        is_common = np.ones(ours.size, dtype=bool)
-        return is_same_line(cells[ours], old.cells[theirs], is_common, data.cells_per_bin)
-
     def _classify(
         self, data: WindowData, cells: IntArray, lines: IntArray, is_line: BoolArray
     ) -> None:
@@ -373,6 +364,14 @@ def _is_beyond(
     score = path.score - float(excess[path.cells].mean())
     is_expected = (np.abs(expected - path.cells[0]) <= 2 * cells_per_bin).any()
     return bool(score > least.new or (is_expected and score > least.continued))
+
+
+def is_heir(data: WindowData, path: FoundPath, frame: IntArray, cells: IntArray) -> bool:
+    """Tell whether a path runs within a bin of that of a living line, in four frames or more."""
+    own = slice(path.first, path.stop)
+    _, ours, theirs = np.intersect1d(data.frame[own], frame, return_indices=True)
+    away = np.abs(path.cells[own][ours] - cells[theirs])
+    return away.size >= 4 and bool(np.median(away) <= data.cells_per_bin)
 
 
 def _is_cut(paths: list[FoundPath], later: int, is_part: BoolArray, stop: int) -> bool:

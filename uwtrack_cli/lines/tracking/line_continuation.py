@@ -25,7 +25,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.lines.line_points import FamilyJump
 from uwtrack_cli.lines.stitching import (
     LEAST_LOG_RATIO,
     TURN_WINDOWS,
@@ -38,13 +37,7 @@ from uwtrack_cli.lines.stitching import (
 from uwtrack_cli.lines.tracking.track_store import TrackStore
 
 SILENT_FRAMES = 2
-"""Frames without a peak of its own after which a line may have turned."""
-
-JUMPED_FRAMES = 6
-"""Frames without a peak of its own after which a line may have jumped."""
-
-STEADY_FRAMES = 40
-"""Frames for which a line must have been followed before a jump."""
+"""Frames without a peak of its own after which a line may have turned or jumped."""
 
 
 @dataclass(frozen=True)
@@ -102,11 +95,6 @@ class LineContinuation:
         nothing = np.zeros(0, dtype=np.int64)
         self.ended = SilentLines.recalled(store, nothing, nothing, is_waited_for=False)
         self._fresh = nothing  # serials of lines that continue none so far
-
-    @property
-    def told(self) -> list[FamilyJump]:
-        """The jumps that have been found."""
-        return self.jumps.told
 
     def remember(self, time_s: float) -> None:
         """Take note of the lines that have ended since the last call."""
@@ -167,9 +155,6 @@ class LineContinuation:
         if not (self.may_turn and self.silence_s and slots.size):
             return {}
         silent = self._silent()
-        # a line that only wavers is not silent, and what has just begun has no place
-        is_due = (silent.slot < 0) | (silent.row - store.born[silent.slot] >= STEADY_FRAMES)
-        silent = silent.take(is_due & (store.rows - silent.row >= JUMPED_FRAMES))
         begin_s = store.time_of(np.maximum(store.born[slots], store.risen[slots]))
         found = self.jumps.find(silent, self._begun(slots, begin_s))
         if found is None:

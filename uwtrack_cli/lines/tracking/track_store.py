@@ -316,10 +316,6 @@ class TrackStore:
         """Return the present states of some lines, entries of shape (2, line)."""
         return KalmanState(*(entry[:, slots] for entry in self.state))
 
-    def drop_ended(self) -> None:
-        """Free the slots of ended lines whose points are not wanted."""
-        self.stage[self.stage == ENDED] = FREE
-
     def keep_frame(self, frame: int, time_s: float, step_s: float) -> None:
         """Copy the table of this frame into the ring."""
         at = self.rows % self._size

@@ -200,7 +200,7 @@ class LineTracker:
 
     def _table(self, held: ContactSamples) -> LineTable:
         return line_table(
-            held, self.families, self.continuation.told,
+            held, self.families, self.continuation.jumps.told,
             window_frames=self.window_frames, resolution_hz=self.resolution_hz,
         )  # fmt: skip
 
