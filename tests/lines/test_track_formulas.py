@@ -118,8 +118,8 @@ def test_a_return_is_weighed_by_gaussians_against_strangers_in_the_band(is_known
     both = now.covariance[0, 0]
     covariance += [[now.variance[0, 0], both], [both, now.rate_variance[0, 0]]]
     course = [now.position[0, 0], now.rate[0, 0]]
-    # a stranger has any rate up to half a hertz in two seconds, either way
-    wanted = np.log(0.5 / strangers_per_hz * 0.5)
+    # the rate of a stranger is known as well as it can be: it is steady
+    wanted = np.log(0.5 / strangers_per_hz) - norm.logpdf(0.0, 0.0, 0.2 * RESOLUTION_HZ**2)
     wanted += multivariate_normal.logpdf(course, mean, covariance)
     if is_known:
         mean, covariance = carried(before, 0, 1, gap_s, 1e-2)

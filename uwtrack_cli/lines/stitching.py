@@ -149,13 +149,14 @@ def log_ratio_of_return(
     gap_s = np.maximum(begins.time_s - old.time_s, 0.0)
     ahead = predict(old.kalman, gap_s, np.moveaxis(old.noise_density, -1, 0))
     expected, found = (KalmanState(*(entry[0] for entry in state)) for state in (ahead, now))
+    least_rate_std_hzps = LEAST_RATE_STD * resolution_hz**2
     square, determinant = course_distance(
-        expected, found, LEAST_STD * resolution_hz, LEAST_RATE_STD * resolution_hz**2
+        expected, found, LEAST_STD * resolution_hz, least_rate_std_hzps
     )
-    square = square + np.log((2.0 * np.pi) ** 2 * determinant) + bearing_distance(ahead, now)
-    # a stranger has any rate up to a resolution in a window, either way
-    prior = RETURNING * 2.0 * resolution_hz**2 / strangers_per_hz
-    return np.asarray(np.log(prior) - 0.5 * square)
+    # most lines are steady: the rate of a stranger is known as well as it can be
+    square = square + np.log(2.0 * np.pi * determinant / least_rate_std_hzps**2)
+    log_prior = np.log(RETURNING / strangers_per_hz)
+    return np.asarray(log_prior - 0.5 * (square + bearing_distance(ahead, now)))
 
 
 def log_ratio_of_turn(
