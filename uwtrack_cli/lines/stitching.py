@@ -4,8 +4,8 @@
 another one at its beginning. The end is extrapolated over the time between: its variance
 grows with the drift of a machine. Beginning and end are one line when frequency,
 rate and bearing agree so well that a stranger, who could be anywhere in the band, would
-be there far less likely. Every end is continued once, and every beginning continues
-one: the likeliest pairs first.
+be there far less likely; most strangers are steady. Every end is continued once, and
+every beginning continues one: the likeliest pairs first.
 
 When a machine changes its speed at once, all its lines fall silent and as many begin
 elsewhere, by one common ratio. It is sought among the ends and the beginnings of that
@@ -17,9 +17,10 @@ of the machine that are found later follow the ratio that is known.
 
 `studies/constants/lines.py` tries other values of the constants.
 
-**References.** Blackman & Popoli (1999), section 6.8 (track continuation); Bar-Shalom,
-Li & Kirubarajan (2001), section 6.2 for the growth of the variance; Desolneux, Moisan &
-Morel (2008) for the number of false alarms.
+**References.** Blackman & Popoli (1999), section 6.8 (track continuation); Castanon &
+Finn (2011), IEEE Aerospace Conference (tracklet stitching); Bar-Shalom, Li & Kirubarajan
+(2001), section 6.2 for the growth of the variance; Desolneux, Moisan & Morel (2008) for
+the number of false alarms.
 """
 
 from collections.abc import Callable
