@@ -507,3 +507,5 @@ def test_what_is_found_later_follows_a_jump_that_is_known():
         assert (found is None) == is_late
         assert found is None or found == (jumps.told[0].time_s, [(0, 0)])
     assert len(jumps.told) == 1
+    # a short line ends soon after it has begun: it does not go on with itself
+    assert FamilyJumps(1.0).find(ends_at(before), ends_at(now)) is None
