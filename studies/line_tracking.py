@@ -40,7 +40,7 @@ from uwtrack_cli.lines.tracker_options import (
     TrackerOptions,
 )
 from uwtrack_cli.lines.tracking.frame_peaks import split_frames
-from uwtrack_cli.lines.tracking.track_store import CONFIRMED, TENTATIVE, TrackStore
+from uwtrack_cli.lines.tracking.track_store import CONFIRMED, ENDED, FREE, TENTATIVE, TrackStore
 from uwtrack_cli.lines.tracking.tracker import LineTracker
 
 MATCH_HZ, MATCH_DEG, MISSED_HZ = 3.0, 8.0, 3.0
@@ -255,12 +255,12 @@ def run_figures(setting: str, rule: SceneRule, seed: int) -> RunFigures:
             scene.peaks, spacing_hz=SPACING_HZ, teeth=TEETH, most_peaks=MOST_PEAKS,
             bearing_window_deg=chosen.bearing_window_deg,
         )  # fmt: skip
-    tracker = LineTracker(paper_options(chosen), scene.peaks.frames, scene.peaks)
+    tracker = LineTracker(paper_options(chosen), scene.peaks)
     tally = TrackerTally(scene, rule)
     for frame, peaks in enumerate(split_frames(block, scene.peaks)):
         tracker.step(frame, frame + 0.5, 1.0, peaks)
         tally.read(frame, tracker.store)
-        tracker.store.drop_ended()
+        tracker.store.stage[tracker.store.stage == ENDED] = FREE  # points are not wanted
     return tally.figures(tracker.store.next_line - 1)
 
 

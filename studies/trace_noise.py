@@ -52,7 +52,8 @@ class _BestScores(PathTracer):
     def _window(
         self,
         data: WindowData,
-        last_stop: int | None,  # noqa: ARG002 - the signature of the base
+        *,
+        is_last: bool,  # noqa: ARG002 - the signature of the base
     ) -> LinePoints:
         ratio = whiten(data.power_ratio, data.cells_per_bin)
         scores = cell_scores(ratio)

@@ -20,8 +20,9 @@ from tests.draws.line_sounds import BAND_HZ, RATE_HZ, SCENES, Scene, bursts, sco
 from tests.support import recording_of
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Peaks
+from uwtrack_cli.lines import stitching
 from uwtrack_cli.lines.track import track_lines
-from uwtrack_cli.lines.tracking import family_jumps, line_continuation, llr_score, tracker
+from uwtrack_cli.lines.tracking import line_continuation, llr_score, tracker
 from uwtrack_cli.spectra.peaks import find_peaks
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
@@ -37,16 +38,16 @@ COURSES: dict[tuple[ModuleType, str], tuple[float, ...]] = {
     (tracker, "LOUD_RATE"): (1.0, 4.0, 8.0),
     (llr_score, "FAINT"): (2.0, 3.0, 5.0, 10.0),
     (line_continuation, "LEAST_LOG_RATIO"): (0.0, 1.6, 4.0),
-    (line_continuation, "RETURNING"): (0.1, 0.5, 0.9),
-    (line_continuation, "TURNING"): (0.1, 0.5, 0.9),
-    (line_continuation, "TURN_WINDOWS"): (1.0, 3.0, 9.0),
-    (line_continuation, "LEAST_STD"): (0.1, 0.3, 0.6),
-    (line_continuation, "LEAST_RATE_STD"): (0.07, 0.2, 0.6),
-    (family_jumps, "GREATEST_CHANCE"): (1e-5, 1e-3, 1e-1),
-    (family_jumps, "REACH"): (0.25, 0.5, 1.0),
-    (family_jumps, "BEFORE_WINDOWS"): (3.0, 12.0, 40.0),
-    (family_jumps, "LONG_BEFORE_WINDOWS"): (12.0, 40.0, 120.0),
-    (family_jumps, "AFTER_WINDOWS"): (3.0, 6.0, 12.0),
+    (stitching, "RETURNING"): (0.1, 0.5, 0.9),
+    (stitching, "TURNING"): (0.1, 0.5, 0.9),
+    (stitching, "TURN_WINDOWS"): (1.0, 3.0, 9.0),
+    (stitching, "LEAST_STD"): (0.1, 0.3, 0.6),
+    (stitching, "LEAST_RATE_STD"): (0.07, 0.2, 0.6),
+    (stitching, "GREATEST_CHANCE"): (1e-5, 1e-3, 1e-1),
+    (stitching, "REACH"): (0.25, 0.5, 1.0),
+    (stitching, "BEFORE_WINDOWS"): (3.0, 12.0, 40.0),
+    (stitching, "LATE_WINDOWS"): (12.0, 40.0, 120.0),
+    (stitching, "AFTER_WINDOWS"): (3.0, 6.0, 12.0),
     (tracker, "STEADY_SHARE"): (1e-5, 1e-4, 1e-3, 1e-2, 1e-1),
     (tracker, "RISE"): (1.0, 3.0, 6.0),
     (tracker, "WIDTH_SHARE"): (0.0, 0.25, 1.0),

@@ -7,7 +7,7 @@ from tests.draws.line_sounds import STEP_S, Scene, score, tracked
 from tests.lines.line_scenes import line_peaks
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.estimation.kalman import KalmanState
-from uwtrack_cli.lines.paths.path_ends import PathEnd, _is_there
+from uwtrack_cli.lines.stitching import BEARING_SIGMAS, bearing_distance
 from uwtrack_cli.lines.track import track_lines
 from uwtrack_cli.lines.tracking.track_store import UNKNOWN_BEARING_VARIANCE
 
@@ -111,13 +111,14 @@ def test_trace_gives_no_number_to_lines_without_a_common_ratio() -> None:
 
 
 def test_bearings_tell_which_ends_and_beginnings_may_be_one_vessel() -> None:
-    def at(line, bearing_deg, std_deg):
-        state = KalmanState(*np.zeros((5, 2)))
-        state.position[:], state.variance[:] = (300.0, bearing_deg), (0.01, std_deg**2)
-        return PathEnd(line, 0.0, state)
+    def at(bearing_deg, std_deg):
+        zero = np.zeros((2, len(bearing_deg)))
+        variance = np.array([zero[0], np.square(std_deg)])
+        return KalmanState(np.array([zero[0], bearing_deg]), zero, variance, zero, zero)
 
     unknown = np.sqrt(UNKNOWN_BEARING_VARIANCE)
-    ends = [at(1, 359.0, 2.0), at(2, 90.0, unknown)]
-    begins = [at(3, 2.0, 2.0), at(4, 20.0, 2.0), at(5, 20.0, 9.0)]
+    ends = KalmanState(*(each[..., None] for each in at([359.0, 90.0], [2.0, unknown])))
+    begins = at([2.0, 20.0, 20.0], [2.0, 2.0, 9.0])
     # 3 and 21 degrees apart: four deviations are 11 with two good bearings, 37 with one
-    assert _is_there(ends, begins).tolist() == [[True, False, True], [True] * 3]
+    is_one = bearing_distance(ends, begins) < BEARING_SIGMAS**2
+    assert is_one.tolist() == [[True, False, True], [True] * 3]

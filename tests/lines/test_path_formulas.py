@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import combinations
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,12 +10,11 @@ from scipy.ndimage import median_filter
 from scipy.special import i0
 from scipy.stats import binom, gamma, multivariate_normal, ncx2
 
+from uwtrack_cli.estimation.kalman import KalmanState, predict
 from uwtrack_cli.estimation.noise_floor import EDGE_STEP, TILE_BINS
-from uwtrack_cli.lines.common_jumps import JumpCandidates, told_jump
 from uwtrack_cli.lines.paths import path_search
-from uwtrack_cli.lines.paths.courses import Course, disagreement
-from uwtrack_cli.lines.paths.meetings import Meetings, _fused
 from uwtrack_cli.lines.paths.path_search import MOVE_PENALTY, FoundPath
+from uwtrack_cli.lines.paths.path_tracer import is_heir
 from uwtrack_cli.lines.paths.recording_noise import RecordingNoise, _filled, _shifts
 from uwtrack_cli.lines.paths.trace_threshold import PathBearing, PathScores, TraceThreshold
 from uwtrack_cli.lines.paths.trace_window import WindowData
@@ -27,6 +27,7 @@ from uwtrack_cli.lines.sensitivity import (
     weakest_by_path,
     weakest_by_score,
 )
+from uwtrack_cli.lines.stitching import FamilyJumps, PieceEnds, course_distance, told_jump
 
 PER_BIN = 2
 
@@ -113,13 +114,16 @@ def test_paths_are_taken_one_after_another_if_they_share_little(seed):
 
 
 def test_two_paths_are_one_line_within_a_bin_in_at_least_four_frames():
-    cells, common = np.full(9, 50), np.arange(9) < 4
-    same = path_search.is_same_line
-    assert same(cells, cells + PER_BIN, common, PER_BIN)
-    assert not same(cells, cells + PER_BIN + 1, common, PER_BIN)
-    assert not same(cells, cells, np.arange(9) < 3, PER_BIN)
-    far = np.where(common, cells - PER_BIN, 0)  # only common frames count
-    assert same(cells, far, common, PER_BIN)
+    cells = np.full(9, 50)
+    data = SimpleNamespace(frame=100 + np.arange(9), cells_per_bin=PER_BIN)
+    path = FoundPath(cells, 0, 9, 1.0)
+    early = 96 + np.arange(9)  # five frames in common
+    assert is_heir(data, path, data.frame, cells + PER_BIN)
+    assert not is_heir(data, path, data.frame, cells + PER_BIN + 1)
+    assert is_heir(data, replace(path, stop=4), early, cells)
+    assert not is_heir(data, replace(path, stop=3), early, cells)
+    far = np.where(np.arange(9) >= 4, cells - PER_BIN, 0)  # only common frames count
+    assert is_heir(data, path, early, far)
 
 
 def test_a_cells_score_is_the_likelihood_of_a_steady_line_up_to_its_cap():
@@ -374,104 +378,134 @@ def test_the_weakest_line_of_scores_reaches_its_threshold_on_average():
     assert score * 120.0 == pytest.approx(11.0, abs=1.5)
 
 
-def test_two_courses_disagree_as_two_gaussian_vectors():
+def course(value, covariance):
+    """State of one frequency by its mean and its covariance."""
+    return KalmanState(*value, *covariance[[0, 0, 1], [0, 1, 1]])
+
+
+def test_two_courses_are_apart_as_two_gaussian_vectors():
     rng = np.random.default_rng(8)
     root = rng.normal(size=(2, 2, 2)) * [1.0, 0.1]
-    one, two = (Course(rng.normal(size=2) * [2.0, 0.2], r.T @ r) for r in root)
-    bin_hz = 0.5
-    floor = np.diag([(0.3 * bin_hz) ** 2, (0.02 * bin_hz**2) ** 2])
-    total = one.covariance + two.covariance + floor
-    wanted = -multivariate_normal.logpdf(one.value, two.value, total)
-    found = disagreement(one, two, bin_hz)
-    assert found == pytest.approx(wanted - np.log(2.0 * np.pi))
-    inverse = [np.linalg.inv(c.covariance) for c in (one, two)]
-    both = _fused(one, two)
-    assert np.allclose(both.covariance, np.linalg.inv(inverse[0] + inverse[1]))
-    mean = both.covariance @ (inverse[0] @ one.value + inverse[1] @ two.value)
-    assert np.allclose(both.value, mean)
+    (one, two), covariance = rng.normal(size=(2, 2)) * [2.0, 0.2], [r.T @ r for r in root]
+    total = covariance[0] + covariance[1] + np.diag([0.3**2, 0.02**2])
+    square, determinant = course_distance(
+        course(one, covariance[0]), course(two, covariance[1]), 0.3, 0.02
+    )
+    found = -0.5 * (square + np.log((2.0 * np.pi) ** 2 * determinant))
+    assert found == pytest.approx(multivariate_normal.logpdf(one, two, total))
 
 
 @pytest.mark.parametrize("step_s", [3.0, -3.0])
 def test_a_course_is_carried_either_way_by_white_acceleration(step_s):
-    """Drawn ends of random walks of the rate, a thousand steps each."""
+    """Drawn ends of random walks of the rate, a thousand steps each; back in time with
+    the density taken as negative."""
     rng = np.random.default_rng(9)
-    density, share, n_steps = 0.02, 0.5, 300
-    start = Course(np.array([100.0, 0.5]), np.diag([0.04, 0.01]))
-    value = rng.multivariate_normal(start.value, start.covariance, 20_000).T
+    density, n_steps = 0.01, 300
+    start, spread = np.array([100.0, 0.5]), np.diag([0.04, 0.01])
+    value = rng.multivariate_normal(start, spread, 20_000).T
     dt = step_s / n_steps
     for _ in range(n_steps):
-        kick = rng.normal(0.0, np.sqrt(share * density * abs(dt)), 20_000)
+        kick = rng.normal(0.0, np.sqrt(density * abs(dt)), 20_000)
         value = np.stack([value[0] + dt * (value[1] + 0.5 * kick), value[1] + kick])
-    carried = Meetings(1.0, density)._carried(start, step_s, share)
-    assert np.allclose(carried.value, value.mean(axis=1), atol=0.02)
-    assert np.allclose(carried.covariance, np.cov(value), rtol=0.04, atol=0.004)
+    carried = predict(course(start, spread), step_s, np.copysign(density, step_s))
+    assert np.allclose(carried[:2], value.mean(axis=1), atol=0.02)
+    wanted = np.cov(value)[[0, 0, 1], [0, 1, 1]]
+    assert np.allclose(carried[2:], wanted, rtol=0.04, atol=0.004)
 
 
 def test_a_jump_is_told_by_the_weighted_mean_of_its_lines():
     log_ratio, std = np.array([0.10, 0.11, 0.13]), np.array([0.01, 0.02, 0.01])
-    jump = told_jump(7.0, log_ratio, std**2)
+    jump = told_jump(7.0, log_ratio, std**2, set())
     mean = np.average(log_ratio, weights=std**-2)
     chi_square = np.sum(((log_ratio - mean) / std) ** 2)
     spread = np.sqrt(max(chi_square / 2.0, 1.0) / np.sum(std**-2))
     assert jump.time_s == 7.0
     assert jump.ratio == pytest.approx(np.exp(mean))
     assert jump.ratio_std == pytest.approx(np.exp(mean) * spread)
-    calm = told_jump(7.0, np.array([0.1, 0.1, 0.1]), std**2)
+    calm = told_jump(7.0, np.array([0.1, 0.1, 0.1]), std**2, set())
     assert calm.ratio_std == pytest.approx(np.exp(0.1) / np.sqrt(np.sum(std**-2)))
 
 
+def ends_at(frequency_hz, time_s=0.0):
+    n = len(frequency_hz)
+    state = np.zeros((n, 5, 2))
+    state[:, 0, 0], state[:, 2, 0], state[:, 2, 1] = frequency_hz, 0.01, 1e8
+    times_s = np.broadcast_to(time_s, n).astype(float)
+    return PieceEnds(np.arange(n), times_s, state, np.zeros((n, 2)))
+
+
 def jumped(n_lines, n_others, seed, resolution_hz=1.0):
+    """Frequencies of lines that have jumped by 5 %, among others that have begun."""
     rng = np.random.default_rng(seed)
     before = np.sort(rng.uniform(50.0, 900.0, n_lines))
-    now = np.append(
-        before * 1.05 + rng.uniform(-0.2, 0.2, n_lines) * resolution_hz,
-        rng.uniform(50.0, 900.0, n_others),
-    )
-    everything = np.ones((before.size, now.size), dtype=bool)
-    return JumpCandidates(before, np.zeros(n_lines), now, everything, resolution_hz)
+    now = before * 1.05 + rng.uniform(-0.2, 0.2, n_lines) * resolution_hz
+    return before, np.append(now, rng.uniform(50.0, 900.0, n_others))
+
+
+def common(before, now, may_be=None, resolution_hz=1.0):
+    everything = np.ones((len(before.line), len(now)), dtype=bool)
+    may_be = everything if may_be is None else may_be
+    return FamilyJumps(resolution_hz).common(before, ends_at(now), may_be)
 
 
 def test_lines_that_have_one_ratio_have_jumped_together():
-    candidates = jumped(6, 8, 1)
-    assert sorted(candidates.common()) == [(k, k) for k in range(6)]
-    place = candidates.before_hz * 1.05
-    pairs = candidates.paired(place, candidates.may_be)
+    before, now = jumped(6, 8, 1)
+    assert sorted(common(ends_at(before), now)) == [(k, k) for k in range(6)]
+    everything, jumps = np.ones((6, 6), dtype=bool), FamilyJumps(1.0)
+    place = before * 1.05
+    pairs = jumps._paired(place, ends_at(now[:6]), everything)
     assert sorted(pairs) == [(k, k) for k in range(6)]
-    off = np.abs(candidates.now_hz[:6] - place)
+    off = np.abs(now[:6] - place)
     assert [k for k, _ in pairs] == np.argsort(off).tolist()  # the nearest first
     # beyond half a resolution none is in reach
-    few = JumpCandidates(
-        candidates.before_hz, candidates.before_s, place + 0.51, np.ones((6, 6), bool), 1.0
-    )
-    assert few.paired(place, few.may_be) == []
-    assert len(few.paired(place + 0.02, few.may_be)) == 6
+    assert jumps._paired(place, ends_at(place + 0.51), everything) == []
+    assert len(jumps._paired(place, ends_at(place + 0.49), everything)) == 6
 
 
 def test_two_lines_or_what_chance_pairs_is_no_jump():
-    assert jumped(2, 0, 2).common() == []
+    before, now = jumped(2, 0, 2)
+    assert common(ends_at(before), now) == []
     rng = np.random.default_rng(3)
     looks = 0
     for _ in range(60):
         before, now = (np.sort(rng.uniform(50, 900, 12)) for _ in range(2))
-        may_be = np.ones((12, 12), dtype=bool)
-        looks += bool(JumpCandidates(before, np.zeros(12), now, may_be, 1.0).common())
+        looks += bool(common(ends_at(before), now))
     assert looks <= 2  # one in a thousand is stated
 
 
 def test_lines_that_may_be_no_other_count_for_nothing():
     """Forty lines that are silent and have no successor allowed are no trials."""
     rng = np.random.default_rng(5)
-    own = jumped(4, 2, 4)
-    before = np.append(own.before_hz, rng.uniform(50.0, 900.0, 400))
-    may_be = np.zeros((before.size, own.now_hz.size), dtype=bool)
+    own, now = jumped(4, 2, 4)
+    before = np.append(own, rng.uniform(50.0, 900.0, 400))
+    may_be = np.zeros((before.size, now.size), dtype=bool)
     may_be[:4] = True
-    many = JumpCandidates(before, np.zeros(before.size), own.now_hz, may_be, 1.0)
-    assert sorted(many.common()) == sorted(own.common()) == [(k, k) for k in range(4)]
+    found = sorted(common(ends_at(before), now, may_be))
+    assert found == sorted(common(ends_at(own), now)) == [(k, k) for k in range(4)]
 
 
 def test_lines_whose_ends_lie_too_far_apart_have_not_jumped_together():
-    candidates = jumped(4, 0, 4, resolution_hz=0.5)
+    before, now = jumped(4, 0, 4, resolution_hz=0.5)
     for wait_s, is_one in ((11.9, True), (12.1, False)):  # six windows of two seconds
-        ends = np.array([0.0, 0.0, wait_s, wait_s])
-        late = JumpCandidates(candidates.before_hz, ends, candidates.now_hz, candidates.may_be, 0.5)
-        assert bool(late.common()) == is_one
+        late = ends_at(before, np.array([0.0, 0.0, wait_s, wait_s]))
+        assert bool(common(late, now, resolution_hz=0.5)) == is_one
+
+
+def test_what_is_found_later_follows_a_jump_that_is_known():
+    """A single line, within forty windows; by chance it would say nothing."""
+    before, now = jumped(4, 0, 6)
+    jumps = FamilyJumps(1.0)
+    begins = replace(ends_at(now), line=10 + np.arange(4))
+    _, pairs = jumps.find(ends_at(before), begins)
+    assert len(pairs) == 4
+    ratio = jumps.told[0].ratio
+    for wait_s, is_late in ((39.0, False), (41.0, True)):
+        end, begin = ends_at([333.0]), replace(
+            ends_at([ratio * 333.0], wait_s), line=np.array([20])
+        )  # fmt: skip
+        found = jumps.find(end, begin)
+        assert (found is None) == is_late
+        assert found is None or found == (jumps.told[0].time_s, [(0, 0)])
+    assert len(jumps.told) == 1
+    # a short line ends soon after it has begun: it does not go on with itself
+    assert FamilyJumps(1.0).find(ends_at(before), ends_at(now)) is None

@@ -11,12 +11,13 @@ from uwtrack_cli.lines.contacts import ContactSamples
 from uwtrack_cli.lines.families.comb_test import CombRule
 from uwtrack_cli.lines.families.harmonics import Comb
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
-from uwtrack_cli.lines.paths.path_ends import MeasuredPaths, PathEnd
+from uwtrack_cli.lines.paths.path_ends import MeasuredPaths
 from uwtrack_cli.lines.paths.path_tracer import PathTracer
 from uwtrack_cli.lines.paths.trace_window import Measured, WindowData, measure, smooth_window
 from uwtrack_cli.lines.rungs.best_basis import RungLines, _covering, _evidence, beside
-from uwtrack_cli.lines.rungs.rung_links import _Jump, _Told
+from uwtrack_cli.lines.rungs.rung_links import _steps_told, joined_jumps
 from uwtrack_cli.lines.rungs.same_line import SAME_LINE, line_evidence
+from uwtrack_cli.lines.stitching import NO_ENDS, PieceEnds
 from uwtrack_cli.lines.tracker_options import Gates
 from uwtrack_cli.lines.tracking.tracker import LastLook
 
@@ -88,40 +89,23 @@ def test_evidence_in_a_cell_is_that_of_its_independent_frames():
     assert found == pytest.approx(wanted)
 
 
-def stretches(*pairs):
-    begin, end = np.array(pairs, float).reshape(-1, 2).T
-    return _Told(begin, end)
-
-
-def test_the_time_that_two_lines_share_is_that_of_their_stretches():
+@pytest.mark.parametrize("hop_s", [0.5, 1.0, 2.0])
+def test_a_line_is_told_half_a_hop_about_its_points_that_stand_and_do_not_coast(hop_s):
+    """As counted on a grid much finer than the steps."""
     rng = np.random.default_rng(3)
-    grid = np.arange(0.0, 100.0, 0.01) + 0.005
     for _ in range(20):
-        one, two = (np.sort(rng.choice(100, 6, replace=False)).reshape(3, 2) for _ in "12")
-        told = [stretches(*pairs) for pairs in (one, two)]
-        inside = [
-            ((grid[:, None] > p[:, 0]) & (grid[:, None] < p[:, 1])).any(axis=1) for p in (one, two)
-        ]
-        common = 0.01 * np.count_nonzero(inside[0] & inside[1])
-        assert told[0].common_s(told[1]) == pytest.approx(common)
-        assert told[1].common_s(told[0]) == pytest.approx(common)
-        both = told[0].joined(told[1])
-        assert both.length_s == pytest.approx(0.01 * (inside[0] | inside[1]).sum())
-        assert (both.begin_s[1:] > both.end_s[:-1]).all()
-    assert stretches().common_s(told[0]) == 0.0
-    assert stretches((0, 4), (4, 9)).joined(stretches((20, 22))).begin_s.tolist() == [0, 20]
-
-
-def test_a_line_is_told_while_its_points_follow_each_other_and_do_not_coast():
-    rung = rung_of(2.0, [(np.array([0.0, 1, 2, 3.5, 5.1, 6, 7, 8]), np.full(8, 50.0))])
-    rung.ratio[6] = 0.0
-    stands = np.array([1, 1, 1, 1, 1, 1, 1, 1], bool)
-    told = _Told.of(rung, stands, 0)
-    # steps of 1.5 hops follow, of 1.6 and of two do not
-    assert told.begin_s.tolist() == [0.0, 5.1, 8.0]
-    assert told.end_s.tolist() == [3.5, 6.0, 8.0]
-    assert told.length_s == pytest.approx(4.4)
-    assert _Told.of(rung, np.zeros(8, bool), 0).length_s == 0.0
+        time_s = hop_s * (0.5 + np.sort(rng.choice(60, 30, replace=False)))
+        rung = rung_of(2.0 * hop_s, [(time_s, np.full(30, 50.0))])
+        assert rung.hop_s == hop_s
+        rung.ratio[rng.random(30) < 0.2] = 0.0
+        stands = rng.random(30) < 0.8
+        grid = np.arange(0.0, 130.0, 0.01) + 0.005
+        own = time_s[stands & (rung.ratio > 0.0)]
+        inside = (np.abs(grid[:, None] - own) < 0.5 * hop_s).any(axis=1)
+        found = _steps_told(rung, stands, 0, 0.5)
+        assert 0.5 * found.size == pytest.approx(0.01 * np.count_nonzero(inside))
+        assert np.array_equal(found, np.unique(np.floor(grid[inside] / 0.5)))
+    assert _steps_told(rung, np.zeros(30, bool), 0, 0.5).size == 0
 
 
 @pytest.mark.parametrize(
@@ -129,9 +113,20 @@ def test_a_line_is_told_while_its_points_follow_each_other_and_do_not_coast():
     [(8.0, 0.0, True), (8.1, 0.0, False), (0.0, 0.0149, True), (0.0, -0.0151, False)],
 )
 def test_jumps_of_two_rungs_are_one_by_time_and_ratio(late_s, off, is_one):
-    one = _Jump(4, 100.0, 1.05, 0.003, 1)
-    other = _Jump(3, 100.0 + late_s, 1.05 + off, 0.004, 1)
-    assert one.is_same(other, 8.0) == other.is_same(one, 8.0) == is_one
+    def told(count, time_s, ratio, std):
+        return SimpleNamespace(
+            line_id=np.array([3, 5]), line_contact=np.array([1, 2]),
+            jump_line_count=np.array([count]), jump_time_s=np.array([time_s]),
+            jump_ratio=np.array([ratio]), jump_ratio_std=np.array([std]),
+            jump_contact=np.array([1]),
+        )  # fmt: skip
+
+    rungs = [SimpleNamespace(window_s=w, names=np.array([3, 5])) for w in (8.0, 2.0)]
+    lines = [told(3, 100.0 + late_s, 1.05 + off, 0.004), told(4, 100.0, 1.05, 0.003)]
+    found = joined_jumps(lines, rungs, [np.array([2, 1])] * 2, np.array([7, 8]))
+    assert found["jump_time_s"].tolist() == [100.0] + [100.0 + late_s] * (not is_one)
+    assert found["jump_line_count"].tolist() == [4] + [3] * (not is_one)
+    assert set(found["jump_contact"].tolist()) == {8}  # that of line 3, which is number 2
 
 
 def test_joined_points_have_the_nearest_frame_of_the_shortest():
@@ -271,18 +266,20 @@ def test_the_end_of_a_path_is_the_straight_course_there():
     raw = np.zeros((6, n, 1))
     states = np.zeros((n, 5, 2, 1))
     states[:, 0, 1], states[:, 2, 1] = np.arange(n)[:, None], 7.0
-    paths = MeasuredPaths(data, Measured(position, variance, raw), states)
-    end = paths.end_of(3, 0, 50)
+    paths = MeasuredPaths(data, Measured(position, variance, raw), states, np.array([2.0, 3.0]))
+    end = paths.piece(3, 0, slice(49, None, -1)).take(0)
     assert (end.line, end.time_s) == (3, data.time_s[49])
-    assert end.state.position == pytest.approx([value[49], 49.0])
-    assert end.state.rate[0] == pytest.approx(0.02)
+    assert end.noise_density.tolist() == [2.0, 3.0]
+    assert end.kalman.position == pytest.approx([value[49], 49.0])
+    assert end.kalman.rate[0] == pytest.approx(0.02)
+    assert paths.piece(3, 0, slice(6, None, -1)).line.size == 0  # too few frames
     use = data.time_s[10:50] - data.time_s[49]  # forty frames, and one is not known
     use = np.delete(use, 20)
     use = np.append(data.time_s[9] - data.time_s[49], use)
     _, covariance = np.polyfit(use, value[:40], 1, w=np.full(40, 10.0), cov="unscaled")
-    assert end.state.variance == pytest.approx([covariance[1, 1], 7.0], rel=1e-4)
-    assert end.state.covariance[0] == pytest.approx(covariance[0, 1], rel=1e-4)
-    assert end.state.rate_variance[0] == pytest.approx(covariance[0, 0], rel=1e-4)
+    assert end.kalman.variance == pytest.approx([covariance[1, 1], 7.0], rel=1e-4)
+    assert end.kalman.covariance[0] == pytest.approx(covariance[0, 1], rel=1e-4)
+    assert end.kalman.rate_variance[0] == pytest.approx(covariance[0, 0], rel=1e-4)
     points = paths.points(3, 0, slice(28, 33))
     assert points.frame.tolist() == list(range(28, 33))
     assert np.unique(points.association[[0, 1, 3, 4]]).size == 1
@@ -290,11 +287,15 @@ def test_the_end_of_a_path_is_the_straight_course_there():
 
 
 def test_lines_that_may_be_heard_again_are_remembered_for_two_minutes():
-    ends = [PathEnd(k, at_s, None) for k, at_s in ((1, 79.9), (2, 80.1), (3, 190.0))]
-    tracer = SimpleNamespace(ended=ends, silence_s=Gates().silence_s)
-    fresh = [SimpleNamespace(end=None), SimpleNamespace(end=PathEnd(4, 199.0, None))]
+    def end_of(line, at_s):
+        n = len(line)
+        return PieceEnds(np.array(line), np.array(at_s), np.zeros((n, 5, 2)), np.zeros((n, 2)))
+
+    tracer = SimpleNamespace(ended=end_of([1, 2, 3], [79.9, 80.1, 190.0]), silence_s=120.0)
+    assert Gates().silence_s == 120.0
+    fresh = [SimpleNamespace(end=NO_ENDS), SimpleNamespace(end=end_of([4], [199.0]))]
     PathTracer._remember(tracer, fresh, SimpleNamespace(time_s=np.array([200.0])))
-    assert [end.line for end in tracer.ended] == [2, 3, 4]
+    assert tracer.ended.line.tolist() == [2, 3, 4]
 
 
 @pytest.mark.parametrize(("stride", "wanted"), [(1, 8.0), (4, 2.0), (20, 1.0)])

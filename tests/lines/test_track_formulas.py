@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 from scipy.special import i0
-from scipy.stats import ncx2, norm
+from scipy.stats import multivariate_normal, ncx2, norm
 
 from tests.lines.line_scenes import line_peaks, some_frames
 from uwtrack_cli.estimation.kalman import KalmanState
@@ -15,7 +15,8 @@ from uwtrack_cli.lines.contacts import group, has_doppler, has_turn, mains_lines
 from uwtrack_cli.lines.families.comb_test import CombRule
 from uwtrack_cli.lines.families.harmonics import comb_fit
 from uwtrack_cli.lines.pair_evidence import LineSamples, PairEvidence, pair_evidence
-from uwtrack_cli.lines.paths.path_ends import _kinks
+from uwtrack_cli.lines.paths.path_ends import MeasuredPaths
+from uwtrack_cli.lines.stitching import PieceEnds, log_ratio_of_return
 from uwtrack_cli.lines.track_pda import Mixture, PdaLineTracker
 from uwtrack_cli.lines.tracker_options import (
     CountLogic,
@@ -28,11 +29,7 @@ from uwtrack_cli.lines.tracker_options import (
 )
 from uwtrack_cli.lines.tracking.association import Associator, Pairs
 from uwtrack_cli.lines.tracking.frame_peaks import Choice, split_frames
-from uwtrack_cli.lines.tracking.line_continuation import (
-    LineContinuation,
-    SilentLines,
-    log_ratio_of_return,
-)
+from uwtrack_cli.lines.tracking.line_continuation import LineContinuation, SilentLines
 from uwtrack_cli.lines.tracking.llr_score import ECHO, ClutterDensity, LlrScore
 from uwtrack_cli.lines.tracking.track_management import HitCounter, merge_lines
 from uwtrack_cli.lines.tracking.track_store import TrackStore
@@ -95,6 +92,11 @@ def carried(state, line, quantity, step_s, density):
     return mean, move @ covariance @ move.T + grown
 
 
+def rows_of(state):
+    """States with a row for each line, shape (..., 5, 2)."""
+    return np.moveaxis(np.stack(state), (0, 1), (-2, -1))
+
+
 def turned_by(deg):
     return (deg + 180.0) % 360.0 - 180.0
 
@@ -106,14 +108,19 @@ def test_a_return_is_weighed_by_gaussians_against_strangers_in_the_band(is_known
     if not is_known:
         before.variance[1] = 1e8
     density, gap_s, strangers_per_hz = np.array([[1e-4], [1e-2]]), 7.0, 0.03
-    found = log_ratio_of_return(before, density, gap_s, now, RESOLUTION_HZ, strangers_per_hz)
+    ends, begins = (
+        PieceEnds(np.array([1]), np.array([at_s]), rows_of(state), density.T)
+        for state, at_s in ((before, 100.0), (now, 100.0 + gap_s))
+    )
+    found = log_ratio_of_return(ends, begins, RESOLUTION_HZ, strangers_per_hz)
     mean, covariance = carried(before, 0, 0, gap_s, 1e-4)
-    floor = (0.3 * RESOLUTION_HZ) ** 2, (0.2 * RESOLUTION_HZ**2) ** 2
-    place = np.sqrt(covariance[0, 0] + now.variance[0, 0] + floor[0])
-    slip = np.sqrt(covariance[1, 1] + now.rate_variance[0, 0] + floor[1])
-    wanted = np.log(0.5 / strangers_per_hz)
-    wanted += norm.logpdf(now.position[0, 0], mean[0], place)
-    wanted -= 0.5 * ((now.rate[0, 0] - mean[1]) / slip) ** 2
+    covariance += np.diag([(0.3 * RESOLUTION_HZ) ** 2, (0.2 * RESOLUTION_HZ**2) ** 2])
+    both = now.covariance[0, 0]
+    covariance += [[now.variance[0, 0], both], [both, now.rate_variance[0, 0]]]
+    course = [now.position[0, 0], now.rate[0, 0]]
+    # the rate of a stranger is known as well as it can be: it is steady
+    wanted = np.log(0.5 / strangers_per_hz) - norm.logpdf(0.0, 0.0, 0.2 * RESOLUTION_HZ**2)
+    wanted += multivariate_normal.logpdf(course, mean, covariance)
     if is_known:
         mean, covariance = carried(before, 0, 1, gap_s, 1e-2)
         around = covariance[0, 0] + now.variance[1, 0]
@@ -133,9 +140,8 @@ def test_a_line_that_turned_is_weighed_by_where_it_may_have_gone():
     store.born[:3], store.risen[:3] = (0, 8, 10), (9, 9, 4)
     told = LineContinuation(store, RESOLUTION_HZ, 500.0, 120.0, may_turn=True)
     old = SilentLines(
-        np.array([[1], [2]]), np.full((2, 1), -1), np.array([[5], [8]]),
-        np.array([[10.0], [16.0]]), KalmanState(*(e[:, :, None] for e in old_state)),
-        np.zeros((2, 2, 1)),
+        np.array([[1], [2]]), np.array([[10.0], [16.0]]), rows_of(old_state)[:, None],
+        np.zeros((2, 1, 2)), np.full((2, 1), -1), np.array([[5], [8]]),
     )  # fmt: skip
     found = told._turned(old, np.arange(3), 0.03)
     begin_s = np.array([[12.0, 16.0, 20.0], [18.0, 18.0, 20.0]])
@@ -356,7 +362,7 @@ def pda_tracker(peaks):
         "score", ScoreLogic(), CountLogic(), Feedback(classifier="none"),
         Gates(), ProcessNoise(), Harmonics(),
     )  # fmt: skip
-    return PdaLineTracker(options, peaks.frames, peaks, snr_db=3.0, lowest_false_alarm=1e-6)
+    return PdaLineTracker(options, peaks, snr_db=3.0, lowest_false_alarm=1e-6)
 
 
 def crowd(seed, has_bearings):
@@ -492,7 +498,7 @@ def test_a_new_line_has_the_state_of_its_peak(rate_hzps):
         peaks, is_detection=np.ones(n, bool), bearing_deg=unknown,
         frequency_std_hz=np.linspace(0.05, 0.2, n),
     )  # fmt: skip
-    tracker = LineTracker(told, peaks.frames, peaks)
+    tracker = LineTracker(told, peaks)
     (frame,) = split_frames(peaks, peaks)
     free = np.arange(n) != 0
     tracker._start(frame, free, np.zeros(n))
@@ -672,7 +678,7 @@ def test_after_a_gap_a_line_known_within_less_than_it_is_wide_goes_on(hops, std,
     told = TrackerOptions(
         "count", ScoreLogic(), CountLogic(), Feedback(), Gates(), ProcessNoise(), Harmonics()
     )
-    tracker = LineTracker(told, peaks.frames, peaks)
+    tracker = LineTracker(told, peaks)
     state = KalmanState(*np.zeros((5, 2, 1)))
     state.position[0], state.variance[0] = 100.0, (std * RESOLUTION_HZ) ** 2
     tracker.store.start(
@@ -857,15 +863,20 @@ def test_a_kink_is_where_two_weighted_straight_courses_do_not_meet():
     silent = rng.random(value.shape) < 0.2
     silent[(time > at_s) & (time < at_s + 27.0), 3] = True  # four frames are left
     value[silent], variance[silent] = np.nan, np.inf
-    paths = SimpleNamespace(
-        data=SimpleNamespace(time_s=time, window_s=window_s),
-        measured=SimpleNamespace(position=value[None], variance=variance[None]),
+    paths = MeasuredPaths(
+        SimpleNamespace(time_s=time, window_s=window_s),
+        SimpleNamespace(position=value[None], variance=variance[None]),
+        None,
+        np.zeros(2),
     )
-    column, before, after = _kinks(paths, at_s)
-    assert column.tolist() == [1, 2]
-    for k, *found in zip(column, before, after, strict=True):
+    sides = paths.kinks(7 + np.arange(4), at_s)
+    assert [side.line.tolist() for side in sides] == [[8, 9]] * 2
+    for k, *found in zip((1, 2), *(side.state for side in sides), strict=True):
         for sign, own in zip((-1.0, 1.0), found, strict=True):
             away = sign * (time - at_s) / window_s
             use = (away > KINK) & (away < SIDE) & ~silent[:, k]
-            line = np.polyfit(time[use] - at_s, value[use, k], 1, w=variance[use, k] ** -0.5)
-            assert own == pytest.approx(line[1])
+            line, covariance = np.polyfit(
+                time[use] - at_s, value[use, k], 1, w=variance[use, k] ** -0.5, cov="unscaled"
+            )
+            assert own[0, 0] == pytest.approx(line[1])
+            assert own[2, 0] == pytest.approx(covariance[1, 1])

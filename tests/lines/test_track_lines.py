@@ -15,6 +15,7 @@ from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.estimation.kalman import KalmanState
 from uwtrack_cli.lines.classify import classify_peaks
+from uwtrack_cli.lines.followed_lines import FollowedLines
 from uwtrack_cli.lines.track import track_lines
 from uwtrack_cli.lines.tracker_options import (
     CountLogic,
@@ -26,7 +27,7 @@ from uwtrack_cli.lines.tracker_options import (
 )
 from uwtrack_cli.lines.tracking.track_management import merge_lines
 from uwtrack_cli.lines.tracking.track_store import TrackStore
-from uwtrack_cli.lines.tracking.tracker import FollowedLines, LastLook
+from uwtrack_cli.lines.tracking.tracker import LastLook
 from uwtrack_cli.spectra.peaks import find_peaks
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 

@@ -21,7 +21,8 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import Above, AtLeast, AtMost, Increasing, Unit, checked
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.lines.comb_search.comb_tracker import CombSearch, CombStream, CombTracker
+from uwtrack_cli.lines.comb_search.comb_tracker import CombSearch, CombTracker
+from uwtrack_cli.lines.followed_lines import FollowedLines
 from uwtrack_cli.lines.tracker_options import ProcessNoise
 
 _MOTION = ProcessNoise()
@@ -101,7 +102,7 @@ def find_combs(
             block,
         )
 
-    return CombStream(blocks, make_tracker)
+    return FollowedLines(blocks, make_tracker)
 
 
 def window_frames(search_s: float, hop_s: float) -> int:

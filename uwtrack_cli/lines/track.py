@@ -16,11 +16,13 @@ Rauch, Tung & Striebel (1965).
 """
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Literal
 
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import checked
 from uwtrack_cli.data.peaks import Families, Peaks
+from uwtrack_cli.lines.followed_lines import FollowedLines
 from uwtrack_cli.lines.tracker_options import (
     CountLogic,
     Feedback,
@@ -30,7 +32,7 @@ from uwtrack_cli.lines.tracker_options import (
     ScoreLogic,
     TrackerOptions,
 )
-from uwtrack_cli.lines.tracking.tracker import FollowedLines, LineTracker
+from uwtrack_cli.lines.tracking.tracker import LineTracker
 
 _SCORE, _COUNT, _FEEDBACK = ScoreLogic(), CountLogic(), Feedback()
 _GATES, _MOTION, _HARMONICS = Gates(), ProcessNoise(), Harmonics()
@@ -93,4 +95,4 @@ def track_lines(
     correlation time of the filters.
     """
     options = TrackerOptions(initiation, score, count, feedback, gates, motion, harmonics)
-    return FollowedLines(blocks, lambda frames, peaks: LineTracker(options, frames, peaks))
+    return FollowedLines(blocks, partial(LineTracker, options))

@@ -21,7 +21,6 @@ from typing import Annotated
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
-from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import AtLeast, AtMost, Below, Unit, checked
 from uwtrack_cli.data.peaks import Families, Peaks
@@ -31,6 +30,7 @@ from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.estimation.detection_threshold import prior_rule
 from uwtrack_cli.estimation.information_reduction import gate_probability
 from uwtrack_cli.estimation.operating_curve import OperatingCurve, model_curve
+from uwtrack_cli.lines.followed_lines import FollowedLines
 from uwtrack_cli.lines.tracker_options import (
     CountLogic,
     Feedback,
@@ -44,7 +44,7 @@ from uwtrack_cli.lines.tracking.association import Pairs
 from uwtrack_cli.lines.tracking.frame_peaks import Choice, FramePeaks
 from uwtrack_cli.lines.tracking.track_management import NOISE_PEAKS_PER_CELL
 from uwtrack_cli.lines.tracking.track_store import CONFIRMED
-from uwtrack_cli.lines.tracking.tracker import FollowedLines, LineTracker
+from uwtrack_cli.lines.tracking.tracker import LineTracker, peaks_of
 
 _SCORE, _GATES, _MOTION, _HARMONICS = ScoreLogic(), Gates(), ProcessNoise(), Harmonics()
 
@@ -110,11 +110,9 @@ def track_lines_pda(
         "score", score, CountLogic(), Feedback(classifier="none"), gates, motion, harmonics
     )
 
-    def make_tracker(frames: Frames, peaks: Peaks) -> PdaLineTracker:
-        _check(lowest_false_alarm, peaks)
-        return PdaLineTracker(
-            options, frames, peaks, snr_db=snr_db, lowest_false_alarm=lowest_false_alarm
-        )
+    def make_tracker(first: Families | Peaks) -> PdaLineTracker:
+        _check(lowest_false_alarm, peaks_of(first))
+        return PdaLineTracker(options, first, snr_db=snr_db, lowest_false_alarm=lowest_false_alarm)
 
     return FollowedLines(blocks, make_tracker)
 
@@ -146,14 +144,14 @@ class PdaLineTracker(LineTracker):
     def __init__(
         self,
         options: TrackerOptions,
-        frames: Frames,
-        peaks: Peaks,
+        first: Families | Peaks,
         *,
         snr_db: float,
         lowest_false_alarm: float,
     ) -> None:
-        super().__init__(options, frames, peaks)
-        self.cells_per_hz = NOISE_PEAKS_PER_CELL * frames.window_s
+        super().__init__(options, first)
+        peaks = peaks_of(first)
+        self.cells_per_hz = NOISE_PEAKS_PER_CELL * peaks.frames.window_s
         self.curve: OperatingCurve = model_curve("steady", 10.0 ** (snr_db / 10.0))
         limits = (lowest_false_alarm, peaks.kept_probability)
         sigmas = options.gates.sigmas

@@ -20,7 +20,6 @@ Evidence in nepers; rates are of combs an hour, at any fundamental.
 **References.** See `lines.comb_search.comb_window`; Gumbel, "Statistics of Extremes" (1958), for the tail.
 """
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
@@ -29,10 +28,9 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.frames import Frames
-from uwtrack_cli.data.lines import DETECTED, SUB_THRESHOLD, Lines
+from uwtrack_cli.data.lines import DETECTED, SUB_THRESHOLD
 from uwtrack_cli.data.peaks import Families
 from uwtrack_cli.data.spectra import Spectrogram
-from uwtrack_cli.data.streams import RememberedStream
 from uwtrack_cli.estimation.window import frequency_std_hz
 from uwtrack_cli.lines.comb_search.comb_grid import CombGrid, comb_grid
 from uwtrack_cli.lines.comb_search.comb_window import MOST_COMBS, CombWindow, FoundComb, is_comb
@@ -44,16 +42,9 @@ from uwtrack_cli.lines.contacts import (
     unresolved_share,
 )
 from uwtrack_cli.lines.families.lasting_families import no_families
-from uwtrack_cli.lines.line_points import LinePoints, LineTable, no_table, to_lines
-from uwtrack_cli.lines.paths.path_search import beyond_outer_tiles, whiten
-from uwtrack_cli.lines.paths.trace_window import (
-    Measured,
-    WindowData,
-    measure,
-    power_law,
-    smooth_window,
-    to_window,
-)
+from uwtrack_cli.lines.line_points import LinePoints, LineTable
+from uwtrack_cli.lines.paths.path_search import whitened
+from uwtrack_cli.lines.paths.trace_window import WindowData, Windows, measure, smooth_paths
 from uwtrack_cli.lines.sensitivity import weakest_by_path
 from uwtrack_cli.lines.tracker_options import ProcessNoise
 from uwtrack_cli.lines.tracking.track_store import UNKNOWN_BEARING_VARIANCE
@@ -157,49 +148,35 @@ class CombTracker:
 
     def __init__(self, rule: CombSearch, first: Spectrogram) -> None:
         self.rule = rule
+        self.reference = first.reference
         frames = first.frames
         self.bin_hz = 1.0 / frames.window_s
         self.bin_cells = frames.cells_per_bin
         self.hop_s = frames.hop_s
-        frequency = first.frequency_hz
-        # the cells at zero are not exponential
-        low = max(rule.band_hz[0], 2.0 * self.bin_hz)
-        inside = np.flatnonzero((frequency >= low) & (frequency <= rule.band_hz[1]))
-        self.chosen = slice(int(inside[0]), int(inside[-1]) + 1)
+        self.windows = Windows(first, rule.band_hz, rule.window_frames)
         window_s = rule.window_frames * self.hop_s
         self.grid: CombGrid = comb_grid(
-            frequency[self.chosen], self.bin_hz, rule.fundamental_hz, rule.n_teeth,
+            first.frequency_hz[self.windows.chosen], self.bin_hz, rule.fundamental_hz, rule.n_teeth,
             rule.most_drift_ps * window_s,
         )  # fmt: skip
         self.threshold = CombThreshold(
             rule.false_combs_per_hour, self.grid.n_hypotheses, 0.5 * window_s
         )
-        self.held: list[WindowData] = []
-        self.n_held = 0
-        self.is_first = True
         self.living: list[_Comb] = []
         self.combs: list[_Comb] = []
         self.next_line = 1
         self.samples = ContactSamples(max(1, round(1.0 / (self.bin_hz * self.hop_s))))
 
-    def push(self, block: Spectrogram) -> LinePoints:
-        """Take a block; return the points that have become final."""
-        self.held.append(to_window(block, self.chosen))
-        self.n_held += block.frames.n_frames
-        points = []
-        while self.n_held >= self.rule.window_frames:
-            data = WindowData.join(self.held)
-            points += self._window(data.take(slice(self.rule.window_frames)), is_last=False)
-            rest = data.take(slice(self.rule.window_frames // 2, None))
-            self.held, self.n_held = [rest], rest.frame.size
-        return self._noted(points)
+    def push(self, block: Spectrogram) -> tuple[Frames, LinePoints]:
+        """Take a block; return its frames and the points that have become final."""
+        windows = self.windows.push(block)
+        parts = [part for data in windows for part in self._window(data, is_last=False)]
+        return block.frames, self._noted(parts)
 
     def finish(self) -> LinePoints:
         """Search what is left and return all points still held."""
-        half = self.rule.window_frames // 2
-        points = []
-        if self.n_held > (0 if self.is_first else half):
-            points += self._window(WindowData.join(self.held), is_last=True)
+        rest = self.windows.rest()
+        points = [] if rest is None else self._window(rest, is_last=True)
         points += [comb.pending for comb in self.living]
         self.living = []
         return self._noted(points)
@@ -212,16 +189,13 @@ class CombTracker:
     def _window(self, data: WindowData, *, is_last: bool) -> list[LinePoints]:
         """Find the combs of a window, and let their final points out."""
         n_frames = data.frame.size
-        even = data.floor / power_law(data.frequency_hz, data.exponent)
-        beyond = beyond_outer_tiles(even, data.frequency_hz, data.cells_per_bin)
-        ratio = whiten(data.power_ratio / beyond, data.cells_per_bin)
         lacking = self.rule.window_frames - n_frames
         # a window at the end is as long as the others, with nothing in the rest
-        padded = np.pad(ratio, ((0, lacking), (0, 0)), constant_values=np.nan)
+        padded = np.pad(whitened(data), ((0, lacking), (0, 0)), constant_values=np.nan)
         window = CombWindow(padded, self.grid, self.hop_s * self.bin_hz, self.bin_cells)
         heard, gone = self._heard(window, int(data.frame[0]))
         quarter = self.rule.window_frames // 4
-        begin = 0 if self.is_first else quarter
+        begin = 0 if self.windows.is_first else quarter
         stop = n_frames if is_last else n_frames - quarter
         parts = [comb.pending for comb in gone]
         self.living = []
@@ -234,7 +208,6 @@ class CombTracker:
             parts.append(points.take((frame >= first) & (frame < stop)))
             comb.pending = points.take(frame >= stop)
             self.living.append(comb)
-        self.is_first = False
         return parts
 
     def _heard(self, window: CombWindow, seed: int) -> tuple[list[_Heard], list[_Comb]]:
@@ -347,7 +320,9 @@ class CombTracker:
         state: FloatArray = np.zeros((n_frames, 5, 2, teeth.size))
         state[:, 2, 1] = UNKNOWN_BEARING_VARIANCE
         if data.east is not None:
-            state = self._smoothed(data, measured, frequency)
+            state = smooth_paths(
+                data, measured, frequency.mean(axis=0), self.rule.motion, self.hop_s
+            )
         rate = np.gradient(path, self.hop_s) if n_frames > 1 else np.zeros(1)
         state[:, 0, 0] = frequency
         state[:, 1, 0] = rate[:, None] * teeth
@@ -363,18 +338,6 @@ class CombTracker:
         mean = np.where(known, ratio, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
         strength = np.maximum(mean - 1.0, 0.02)
         return np.stack([frequency_std_hz(strength, data.window_s), strength])
-
-    def _smoothed(self, data: WindowData, measured: Measured, frequency: FloatArray) -> FloatArray:
-        """Return states with smoothed bearings, (frame, 5, 2, tooth)."""
-        motion = self.rule.motion
-        middle = frequency.mean(axis=0)
-        density = np.stack([
-            motion.frequency_density(middle, data.window_s),
-            np.full(middle.size, motion.bearing_deg2ps3),
-        ])  # fmt: skip
-        rate_hzps = motion.rate_std_hzps(data.window_s, self.hop_s)
-        rate_std = np.array([rate_hzps, motion.bearing_rate_degps])
-        return smooth_window(measured, data.time_s, density, rate_std)
 
     def _rows(
         self,
@@ -403,9 +366,9 @@ class CombTracker:
             association=np.where(detected, DETECTED, SUB_THRESHOLD),
         )
 
-    def pending(self) -> LinePoints:
+    def pending(self, start_s: float) -> LinePoints:
         """Return the points that leave if the sound ends here, of windows searched."""
-        return LinePoints.join([comb.pending for comb in self.living]).sorted()
+        return LinePoints.join([comb.pending for comb in self.living]).since(start_s)
 
     def line_table(self) -> LineTable:
         """Return what is known of the lines, at the end."""
@@ -455,13 +418,13 @@ class CombTracker:
         total = max(sum(evidence[::2]), sum(evidence[1::2]), *evidence)
         return float((expected - (total - comb.least) / TAIL) / np.log(10.0))
 
-    def scalars(self, reference: str) -> dict[str, Any]:
+    def scalars(self) -> dict[str, Any]:
         """Return what the run could have found."""
         width_khz = 1e-3 * self.grid.n_cells * self.grid.cell_hz
         per_line = self.rule.n_teeth / 2.0 / width_khz
         least = self.threshold.new(0.0)
         return {
-            "reference": reference,
+            "reference": self.reference,
             "false_lines_per_khz_hour": self.rule.false_combs_per_hour * per_line,
             "measured_false_lines_per_khz_hour": (self.threshold.measured_per_hour() * per_line),
             "weakest_line_snr_db": weakest_by_path(least / 8.0, self.rule.window_frames, 0.0),
@@ -477,60 +440,6 @@ def _machine_ratio(one: FoundComb, two: FoundComb) -> Fraction | None:
     std = np.hypot(one.middle_std_hz / one.middle_hz, two.middle_std_hz / two.middle_hz)
     reach = np.clip(SAME_SIGMAS * std, LEAST_SHARE, MOST_SHARE)
     return ratio if abs(exact / float(ratio) - 1.0) <= reach else None
-
-
-class CombStream(RememberedStream[Lines, tuple[Frames, LinePoints]]):
-    """The combs of a stream of spectrogram, found while it comes.
-
-    Parameters
-    ----------
-    blocks
-        Blocks of spectrogram.
-    make_tracker
-        Makes the tracker from the first block.
-    """
-
-    def __init__(
-        self, blocks: Iterator[Spectrogram], make_tracker: Callable[[Spectrogram], CombTracker]
-    ) -> None:
-        self._make_tracker = make_tracker
-        self._tracker: CombTracker | None = None
-        self._reference = ""
-        super().__init__(self._follow(blocks))
-
-    def so_far(self, start_s: float) -> Lines | None:
-        """Return the lines and their table as the windows that were searched have them.
-
-        They begin with the first block that reaches beyond a time, s; None before the
-        first one.
-        """
-        past = self._since(start_s)
-        if self._tracker is None or not past:
-            return None
-        frames = Frames.join([frames for frames, _ in past])
-        begin_s = float(frames.time_s[0])
-        parts = [*(points for _, points in past), self._tracker.pending()]
-        points = LinePoints.join(parts).since(begin_s).sorted()
-        table = self._tracker.table_of(points)
-        return to_lines(frames, points, table, self._tracker.scalars(self._reference))
-
-    def _follow(self, blocks: Iterator[Spectrogram]) -> Iterator[Lines]:
-        frames: Frames | None = None
-        for block in blocks:
-            frames, self._reference = block.frames, block.reference
-            if self._tracker is None:
-                self._tracker = self._make_tracker(block)
-            tracker = self._tracker
-            points = tracker.push(block)
-            if frames.n_frames:
-                end_s = float(frames.time_s[-1])
-                self._keep(end_s, (frames, points), end_s)
-            yield to_lines(frames, points, no_table(), tracker.scalars(self._reference))
-        if self._tracker is not None and frames is not None:
-            points = self._tracker.finish()
-            nothing = frames.take("frame", slice(0, 0))
-            scalars = self._tracker.scalars(self._reference)
-            yield to_lines(nothing, points, self._tracker.line_table(), scalars)
 
 
 WHITE_OFFSET, WHITE_SLOPE = -6.8, 1.09

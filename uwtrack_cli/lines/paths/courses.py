@@ -13,11 +13,10 @@ whether a later one continues it.
 Holland & Welsch (1977), Commun. Stat. A6, 813-827 (Cauchy's weights, iterated).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.estimation.kalman import KalmanState
 
 COURSE_FRAMES = 40
 """Most frames of a course."""
@@ -34,27 +33,13 @@ MOST_FAR = 0.2
 _FITS = 6
 """Fits with weights from the residuals of the one before."""
 
-LEAST_STD_BINS = 0.3
-"""Floor of the deviation of where two courses meet, in bins."""
-
-LEAST_RATE_STD_BINS = 0.02
-"""Floor of the deviation of the difference of their rates, in bins per window."""
-
-
-@dataclass(frozen=True)
-class Course:
-    """A straight course at one time."""
-
-    value: FloatArray
-    """Frequency in Hz and rate in Hz/s, shape (2,)."""
-    covariance: FloatArray
-    """Their covariance, shape (2, 2)."""
-
 
 def fit_course(
     time_s: FloatArray, frequency_hz: FloatArray, variance: FloatArray, at_s: float
-) -> Course | None:
+) -> KalmanState | None:
     """Fit a straight course to the frames nearest to a time; None if too few are.
+
+    Frequencies in Hz, rates in Hz/s; entries are single values.
 
     Times, s, lie all on one side of ``at_s``, nearest first; the variance, Hz^2, is inf
     where nothing was measured.
@@ -74,7 +59,7 @@ def fit_course(
 
 def _robust_fit(
     time_s: FloatArray, frequency_hz: FloatArray, weight: FloatArray
-) -> tuple[Course, BoolArray]:
+) -> tuple[KalmanState, BoolArray]:
     """Fit a straight line by iterated weights, and tell which frames are far from it."""
     design = np.stack([np.ones(time_s.size), time_s], axis=1)
     share = np.ones(time_s.size)
@@ -85,13 +70,5 @@ def _robust_fit(
         square = weight * (frequency_hz - design @ value) ** 2
         share = 1.0 / (1.0 + square / FAR**2)
     excess = float((share * square).sum()) / (time_s.size - 2)
-    return Course(value, covariance * max(excess, 1.0)), square > FAR**2
-
-
-def disagreement(one: Course, two: Course, bin_hz: float) -> float:
-    """Return how unlikely two courses at a time are one, nepers but for a constant."""
-    floor = (LEAST_STD_BINS * bin_hz) ** 2, (LEAST_RATE_STD_BINS * bin_hz**2) ** 2
-    off = one.value - two.value
-    total = one.covariance + two.covariance + np.diag(floor)
-    _, spread = np.linalg.slogdet(total)
-    return 0.5 * float(off @ np.linalg.solve(total, off) + spread)
+    covariance *= max(excess, 1.0)
+    return KalmanState(*value, *covariance[[0, 0, 1], [0, 1, 1]]), square > FAR**2

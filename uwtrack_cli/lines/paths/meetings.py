@@ -17,22 +17,16 @@ What is not decided within `MOST_FRAMES` leaves as it came. The constants are ch
 """
 
 from dataclasses import dataclass, replace
-from itertools import permutations
 
 import numpy as np
 
 from uwtrack_cli.data.base import IntArray
 from uwtrack_cli.data.lines import COASTED
 from uwtrack_cli.estimation.assignment import assign
-from uwtrack_cli.estimation.constant_velocity import transition, white_acceleration
+from uwtrack_cli.estimation.kalman import KalmanState, predict, update
 from uwtrack_cli.lines.line_points import LinePoints
-from uwtrack_cli.lines.paths.courses import (
-    COURSE_FRAMES,
-    FEWEST_FRAMES,
-    Course,
-    disagreement,
-    fit_course,
-)
+from uwtrack_cli.lines.paths.courses import COURSE_FRAMES, FEWEST_FRAMES, fit_course
+from uwtrack_cli.lines.stitching import course_distance
 
 TOGETHER_BINS = 3.0
 """Distance in bins within which two lines may have come together: the cells beside a path
@@ -54,6 +48,10 @@ DRIFT_SHARES = (0.0, 1e-3, 0.03, 1.0)
 """Process noises of the two lines that are equally likely before, as shares of the
 greatest that a machine's drift has: how steady these machines are is not known."""
 
+LEAST_STD_BINS, LEAST_RATE_STD_BINS = 0.3, 0.02
+"""Floors of the deviations of where two courses meet, in bins, and of the difference of
+their rates, in bins per window: these lines have never been silent."""
+
 MOST_FAINTER_DB = 5.0
 """Difference to the fainter of two lines beyond which a path went astray in noise: where
 they are closer than a bin they have one ridge, and the other path has none."""
@@ -67,7 +65,7 @@ class _Meeting:
     """First frame in which they were near each other."""
     begin_s: float
     """Its time, s."""
-    entry: dict[int, Course]
+    entry: dict[int, KalmanState]
     """Course of each line then, by its number."""
     faintest_db: float
     """SNR of the fainter one before, dB."""
@@ -143,8 +141,11 @@ class Meetings:
         """Find lines that have come together since the last points."""
         points = LinePoints.join([self._past, self._held])
         busy = {line for meeting in self._meetings for line in meeting.members}
-        for one, two, frame in self._pairs(points):
-            if not busy.isdisjoint((one, two)):
+        near = self._near(points.take(points.frame >= self._complete_to - FEWEST_FRAMES))
+        _, first = np.unique(near[:2], axis=1, return_index=True)
+        for one, two, frame in near[:, np.sort(first)].T.tolist():
+            # those that were near before have not come together now
+            if frame < self._complete_to or not busy.isdisjoint((one, two)):
                 continue
             begin_s = float(points.time_s[points.frame == frame][0])
             before = points.take(points.frame < frame)
@@ -155,56 +156,27 @@ class Meetings:
                     _Meeting(frame, begin_s, entry, faintest_db, set(entry), frame)
                 )
 
-    def _pairs(self, points: LinePoints) -> list[tuple[int, int, int]]:
-        """List the lines that are near each other, and since which new frame."""
-        is_new = points.frame >= self._complete_to - FEWEST_FRAMES
-        points = points.take(is_new)
-        if not points.line.size:
-            return []
-        lines, column = np.unique(points.line, return_inverse=True)
-        row = points.frame - points.frame.min()
-        table = np.full((int(row.max()) + 1, lines.size), np.inf)
-        table[row, column] = points.frequency_hz
-        order = np.argsort(table, axis=1)
-        ascending = np.take_along_axis(table, order, axis=1)
-        with np.errstate(invalid="ignore"):
-            at, rank = np.nonzero(np.diff(ascending) < TOGETHER_BINS * self.bin_hz)
-        pairs = np.sort(np.stack([order[at, rank], order[at, rank + 1]], axis=1), axis=1)
-        found, first = np.unique(pairs, axis=0, return_index=True)
-        frames = at[first] + points.frame.min()
-        # those that were near before have not come together now
-        return sorted(
-            (
-                (int(lines[one]), int(lines[two]), int(frame))
-                for (one, two), frame in zip(found, frames, strict=True)
-                if frame >= self._complete_to
-            ),
-            key=lambda pair: pair[2],
-        )
+    def _near(self, points: LinePoints) -> IntArray:
+        """List lines near each other and the frame, by frame, shape (3, pair)."""
+        order = np.lexsort((points.frequency_hz, points.frame))
+        line, frame, hz = (v[order] for v in (points.line, points.frame, points.frequency_hz))
+        at = np.flatnonzero((np.diff(frame) == 0) & (np.diff(hz) < TOGETHER_BINS * self.bin_hz))
+        return np.stack([*np.sort([line[at], line[at + 1]], axis=0), frame[at]])
 
     def _follow(self, meeting: _Meeting) -> None:
         """Note what has begun beside the lines, and when they were last near."""
-        since = self._held.take(self._held.frame >= meeting.first_frame)
         others = [m.members for m in self._meetings if m is not meeting]
         old = set(self._past.line.tolist()).union(*others)
-        for line in sorted(set(since.line.tolist()) - old - meeting.members):
-            if self._near_frames(since, {line}, meeting.members).size:
-                meeting.members.add(line)
-        near = self._near_frames(since, meeting.members, meeting.members)
-        meeting.last_near = max(meeting.last_near, int(near.max(initial=0)))
-
-    def _near_frames(self, points: LinePoints, some: set[int], others: set[int]) -> IntArray:
-        """Return the frames in which some lines were near others."""
-        one, two = (points.take(np.isin(points.line, list(lines))) for lines in (some, others))
-        away = np.abs(one.frequency_hz[:, None] - two.frequency_hz)
-        is_near = away < TOGETHER_BINS * self.bin_hz
-        is_near &= one.frame[:, None] == two.frame
-        is_near &= one.line[:, None] != two.line
-        return np.asarray(one.frame[is_near.any(axis=1)])
+        near = self._near(self._held.take(self._held.frame >= meeting.first_frame))
+        for pair in map(set, near[:2].T.tolist()):
+            if meeting.members & pair:
+                meeting.members |= pair - old
+        is_own = np.isin(near[:2], list(meeting.members)).all(axis=0)
+        meeting.last_near = max(meeting.last_near, int(near[2, is_own].max(initial=0)))
 
     def _courses(
         self, points: LinePoints, lines: set[int], at_s: float, step: int
-    ) -> tuple[dict[int, Course], float]:
+    ) -> tuple[dict[int, KalmanState], float]:
         """Fit courses to the points of lines, from the first (1) or the last (-1).
 
         Returns those that lines have, by number, and the SNR of their faintest, dB.
@@ -250,73 +222,63 @@ class Meetings:
         return True
 
     def _pairing(
-        self, meeting: _Meeting, exits: dict[int, Course], end_s: float
+        self, meeting: _Meeting, exits: dict[int, KalmanState], end_s: float
     ) -> dict[int, int] | None:
         """Return which line was which by the numbers after; None if it is not clear."""
-        span_s = end_s - meeting.begin_s
-        ways = [dict(zip(order, meeting.entry, strict=True)) for order in permutations(exits)]
-        costs = []
-        for way in ways:
-            of_drift = [
-                sum(
-                    disagreement(
-                        self._carried(meeting.entry[old], 0.5 * span_s, share),
-                        self._carried(exits[new], -0.5 * span_s, share),
-                        self.bin_hz,
-                    )
-                    for new, old in way.items()
-                )
-                for share in DRIFT_SHARES
-            ]
-            costs.append(-float(np.logaddexp.reduce(-np.array(of_drift))))
-        best = int(np.argmin(costs))
-        return ways[best] if max(costs) - costs[best] > LEAST_GAIN else None
-
-    def _carried(self, course: Course, step_s: float, share: float) -> Course:
-        """Return a course at another time, either way."""
-        move = transition(step_s)
-        sign = np.copysign(1.0, step_s) * np.array([[0.0, 1.0], [1.0, 0.0]]) + np.eye(2)
-        grown = sign * white_acceleration(abs(step_s)).matrix
-        covariance = move @ course.covariance @ move.T
-        covariance += share * self.density_hz2ps3 * grown
-        return Course(move @ course.value, covariance)
+        half_s = 0.5 * (end_s - meeting.begin_s)
+        old, new = (
+            KalmanState(*np.array(list(courses.values())).T) for courses in (meeting.entry, exits)
+        )
+        drift = self.density_hz2ps3 * np.reshape(DRIFT_SHARES, (-1, 1, 1))
+        square, determinant = course_distance(
+            predict(KalmanState(*(entry[:, None] for entry in old)), half_s, drift),
+            predict(new, -half_s, -drift),
+            LEAST_STD_BINS * self.bin_hz,
+            LEAST_RATE_STD_BINS * self.bin_hz**2,
+        )
+        gain = -0.5 * (square + np.log(determinant))
+        same, changed = (
+            np.logaddexp.reduce(gain[:, [0, 1], new_of].sum(axis=1)) for new_of in ([0, 1], [1, 0])
+        )
+        if abs(same - changed) <= LEAST_GAIN:
+            return None
+        return dict(zip(list(exits)[:: 1 if same > changed else -1], meeting.entry, strict=True))
 
     def _placed(
         self,
         points: LinePoints,
-        courses: dict[int, tuple[Course, Course]],
+        courses: dict[int, tuple[KalmanState, KalmanState]],
         begin_s: float,
         end_s: float,
     ) -> LinePoints:
         """Give the points of a meeting to its lines, near to their courses.
 
-        Every line has a course at either time.
+        Every line has a course at either time. What is far from it is put onto it, as it
+        would be without a measurement.
         """
-        placed = []
-        for frame in np.unique(points.frame):
-            there = np.flatnonzero(points.frame == frame)
-            time_s = float(points.time_s[there[0]])
-            expected = {
-                line: _fused(
-                    self._carried(before, time_s - begin_s, 1.0),
-                    self._carried(after, time_s - end_s, 1.0),
-                )
-                for line, (before, after) in courses.items()
-            }
-            away = np.array([
-                np.abs(points.frequency_hz[there] - course.value[0])
-                for course in expected.values()
-            ])  # fmt: skip
-            ranks, points_of = map(np.ravel, np.indices(away.shape))
-            for pair in assign(ranks, points_of, away.ravel()).tolist():
-                rank, k = int(ranks[pair]), int(points_of[pair])
-                line = list(expected)[rank]
-                row = points.take(there[k : k + 1])
-                row = replace(row, line=np.array([line], dtype=np.int64))
-                if away[rank, k] > MIXED_BINS * self.bin_hz:
-                    row = _put_on(row, expected[line])
-                placed.append(row)
-        return LinePoints.join(placed)
+        lines, (before, after) = list(courses), zip(*courses.values(), strict=True)
+        old, new = (KalmanState(*np.array(each).T) for each in (before, after))
+        time_s, density = points.time_s[:, None], np.array(self.density_hz2ps3)
+        ahead = predict(old, time_s - begin_s, density)
+        behind = predict(new, time_s - end_s, -density)
+        expected = np.stack(update(ahead, behind.position - ahead.position, behind.variance))
+        away = np.abs(points.frequency_hz[:, None] - expected[0])
+        _, frame = np.unique(points.frame, return_inverse=True)
+        place = 2 * frame[:, None] + np.arange(2)  # one of each line in each frame
+        point = np.repeat(np.arange(frame.size), 2)
+        point, rank = np.divmod(assign(place.ravel(), point, away.ravel()), 2)
+        placed = points.take(point)
+        is_far = away[point, rank] > MIXED_BINS * self.bin_hz
+        state, measured = placed.state.copy(), placed.measured.copy()
+        state[is_far, :, 0] = expected[:, point, rank].T[is_far]
+        measured[is_far] = np.nan
+        return replace(
+            placed,
+            line=np.array(lines)[rank],
+            state=state,
+            measured=measured,
+            association=np.where(is_far, COASTED, placed.association),
+        )
 
 
 def _permutation(pairing: dict[int, int]) -> dict[int, int]:
@@ -324,23 +286,3 @@ def _permutation(pairing: dict[int, int]) -> dict[int, int]:
     free = [new for new in pairing if new not in pairing.values()]
     lost = [old for old in pairing.values() if old not in pairing]
     return pairing | dict(zip(lost, free, strict=True))
-
-
-def _fused(one: Course, two: Course) -> Course:
-    """Return the course that two independent ones tell together."""
-    weight = one.covariance @ np.linalg.inv(one.covariance + two.covariance)
-    value = one.value + weight @ (two.value - one.value)
-    return Course(value, one.covariance - weight @ one.covariance)
-
-
-def _put_on(point: LinePoints, course: Course) -> LinePoints:
-    """Return a point of a line as it would be without a measurement."""
-    state = point.state.copy()
-    state[0, :2, 0] = course.value
-    state[0, 2:, 0] = course.covariance[[0, 0, 1], [0, 1, 1]]
-    return replace(
-        point,
-        state=state,
-        measured=np.full_like(point.measured, np.nan),
-        association=np.array([COASTED]),
-    )

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation.noise_floor import EDGE_STEP, SMALLEST, TILE_BINS
 from uwtrack_cli.lines.paths.trace_threshold import PathScores
+from uwtrack_cli.lines.paths.trace_window import WindowData
 from uwtrack_cli.lines.sensitivity import amplitude_log_ratio
 
 Steps = NDArray[np.int8]
@@ -149,6 +150,12 @@ def cell_scores(power_ratio: FloatArray) -> FloatArray:
     above = np.maximum(score - np.float32(MOST_SCORE), np.float32(0.0))
     score = np.minimum(score, np.float32(MOST_SCORE)) + 0.5 * np.log1p(above)
     return np.where(np.isfinite(score), score, np.float32(0.0)).astype(np.float32)
+
+
+def whitened(data: WindowData) -> FloatArray:
+    """Return the power over the noise of a window, as even as white noise's."""
+    beyond = beyond_outer_tiles(data.even_floor, data.frequency_hz, data.cells_per_bin)
+    return whiten(data.power_ratio / beyond, data.cells_per_bin)
 
 
 def whiten(power_ratio: FloatArray, cells_per_bin: int) -> FloatArray:
@@ -378,13 +385,3 @@ def _greatest_sum(values: FloatArray) -> tuple[int, int]:
     lowest = np.minimum.accumulate(total)
     stop = int(np.argmax(total[1:] - lowest[:-1])) + 1
     return int(np.argmin(total[:stop])), stop
-
-
-def is_same_line(
-    cells: IntArray, other: IntArray, is_common: BoolArray, cells_per_bin: int
-) -> bool:
-    """Tell whether two paths over the same frames are one line."""
-    if np.count_nonzero(is_common) < 4:
-        return False
-    away = np.abs(cells - other)[is_common]
-    return bool(np.median(away) <= cells_per_bin)

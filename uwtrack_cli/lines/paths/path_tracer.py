@@ -2,8 +2,8 @@
 
 **Method.** Windows overlap by one half. A path that runs beside the path of a line of
 the window before is that line; one that begins where a line that fell silent would be by
-now is that line, too, as in `lines.tracking.line_continuation`. Paths that begin where a
-machine's change of speed has put its lines go on with those (`path_ends`). Of each window
+now, or where a machine's change of speed has put it, is that line, too
+(`lines.stitching`). Of each window
 the middle half is final, where a path is best determined; the first window's beginning,
 the last one's end and the whole of a line that appears or ends are added.
 
@@ -13,41 +13,45 @@ the last one's end and the whole of a line that appears or ends are added.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.spectra import Spectrogram
-from uwtrack_cli.estimation.kalman import KalmanState
 from uwtrack_cli.lines.contacts import ContactSamples, line_table
 from uwtrack_cli.lines.families.comb_test import CombRule
 from uwtrack_cli.lines.families.harmonics import find_combs
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
-from uwtrack_cli.lines.line_points import FamilyJump, LinePoints, LineTable
+from uwtrack_cli.lines.line_points import LinePoints, LineTable
 from uwtrack_cli.lines.paths.meetings import Meetings
-from uwtrack_cli.lines.paths.path_ends import MeasuredPaths, PathEnd, find_jumped
+from uwtrack_cli.lines.paths.path_ends import MeasuredPaths
 from uwtrack_cli.lines.paths.path_search import (
     FoundPath,
     PathSearch,
-    beyond_outer_tiles,
     cell_scores,
     find_paths,
-    is_same_line,
-    whiten,
+    whitened,
 )
 from uwtrack_cli.lines.paths.recording_noise import RecordingNoise, surrogate_scores
 from uwtrack_cli.lines.paths.trace_threshold import PathScores, TraceThreshold
 from uwtrack_cli.lines.paths.trace_window import (
     Measured,
     WindowData,
+    Windows,
     measure,
-    power_law,
-    smooth_window,
-    to_window,
+    smooth_paths,
+)
+from uwtrack_cli.lines.stitching import (
+    LEAST_LOG_RATIO,
+    NO_ENDS,
+    FamilyJumps,
+    PieceEnds,
+    log_ratio_of_return,
+    stitched,
 )
 from uwtrack_cli.lines.tracker_options import Gates, Harmonics, ProcessNoise
-from uwtrack_cli.lines.tracking.line_continuation import LEAST_LOG_RATIO, log_ratio_of_return
 
 _FEWEST_FRAMES = 32
 """Frames with sound in a window below which its noise is not measured."""
@@ -88,8 +92,8 @@ class _Living:
     """First frame whose point is not out yet."""
     pending: LinePoints
     """Points that leave with the next window, if the line is not continued."""
-    end: PathEnd | None
-    """How it ends; None if it is too short to tell."""
+    end: PieceEnds
+    """How it ends; nothing if it is too short to tell."""
 
 
 class PathTracer:
@@ -97,57 +101,42 @@ class PathTracer:
 
     def __init__(self, rule: TraceRule, first: Spectrogram) -> None:
         self.rule = rule
-        frequency = first.frequency_hz
-        resolution = 1.0 / first.frames.window_s
-        # the cells at zero are not exponential
-        low = max(rule.band_hz[0], 2.0 * resolution)
-        inside = np.flatnonzero((frequency >= low) & (frequency <= rule.band_hz[1]))
-        self.chosen = slice(int(inside[0]), int(inside[-1]) + 1)
-        self.resolution_hz = resolution
+        self.windows = Windows(first, rule.band_hz, rule.window_frames)
+        self.resolution_hz = resolution = 1.0 / first.frames.window_s
         self.weakest_line_snr_db = rule.threshold.weakest_line_snr_db(
             has_bearing=first.intensity_east is not None
         )
         self.hop_s = first.frames.hop_s
         self.silence_s = Gates().silence_s
-        self.held: list[WindowData] = []
-        self.n_held = 0
         self.living: list[_Living] = []
-        self.ended: list[PathEnd] = []
-        self.jumps: list[FamilyJump] = []
+        self.ended = NO_ENDS
+        self.jumps = FamilyJumps(resolution)
         self.next_line = 1
         self.next_frame = 0
-        self.is_first = True
-        self.noise = RecordingNoise(inside.size, first.frames.cells_per_bin)
+        self.noise = RecordingNoise(
+            self.windows.chosen.stop - self.windows.chosen.start, first.frames.cells_per_bin
+        )
         self.meetings = Meetings(resolution, rule.motion.own_density(first.frames.window_s))
         self.samples = ContactSamples(max(1, round(1.0 / (resolution * self.hop_s))))
         self.families = FamilyRegister()
 
     def push(self, block: Spectrogram) -> list[LinePoints]:
         """Take a block; return the points that have become final."""
-        self.held.append(to_window(block, self.chosen))
-        self.n_held += block.frames.n_frames
-        points = []
-        while self.n_held >= self.rule.window_frames:
-            data = WindowData.join(self.held)
-            points.append(self._window(data.take(slice(self.rule.window_frames)), None))
-            rest = data.take(slice(self.rule.window_frames // 2, None))
-            self.held, self.n_held = [rest], rest.frame.size
-        return points
+        return [self._window(data, is_last=False) for data in self.windows.push(block)]
 
     def finish(self) -> LinePoints:
         """Search what is left and return all points still held."""
-        half = self.rule.window_frames // 2
-        points = []
-        if self.n_held > (0 if self.is_first else half):
-            points.append(self._window(WindowData.join(self.held), self.n_held))
+        rest = self.windows.rest()
+        if rest is None:
+            points = [living.pending for living in self.living]
         else:
-            points.extend(living.pending for living in self.living)
+            points = [self._window(rest, is_last=True)]
         self.living = []
         points = [self.meetings.push(LinePoints.join(points), self.next_frame)]
         return self._noted([*points, self.meetings.finish()])
 
-    def _window(self, data: WindowData, last_stop: int | None) -> LinePoints:
-        """Find the lines of a window; ``last_stop`` is given for the last one."""
+    def _window(self, data: WindowData, *, is_last: bool) -> LinePoints:
+        """Find the lines of a window."""
         n_frames = data.frame.size
         threshold = self.rule.threshold
         scores = (
@@ -158,9 +147,7 @@ class PathTracer:
             for living in self.living
             if living.frame[0] <= data.frame[0] <= living.frame[-1]
         ]
-        even = data.floor / power_law(data.frequency_hz, data.exponent)
-        beyond = beyond_outer_tiles(even, data.frequency_hz, data.cells_per_bin)
-        ratio = whiten(data.power_ratio / beyond, data.cells_per_bin)
+        ratio = whitened(data)
         places = np.array(expected, dtype=np.int64)
         search = find_paths(cell_scores(ratio), ratio, scores, places, data.cells_per_bin)
         excess = self._excess(data, search)
@@ -171,12 +158,11 @@ class PathTracer:
             and _is_beyond(path, excess, scores, places, data.cells_per_bin)
         ]
         quarter = self.rule.window_frames // 4
-        final = (quarter, n_frames if last_stop else n_frames - quarter)
-        parts = self._continue(data, paths, final, is_last=last_stop is not None)
-        self.is_first = False
+        final = (quarter, n_frames if is_last else n_frames - quarter)
+        parts = self._continue(data, paths, final, is_last=is_last)
         self.next_frame = int(data.frame[final[1] - 1]) + 1
         points = LinePoints.join(parts)
-        if last_stop:
+        if is_last:
             return points
         return self._noted([self.meetings.push(points, self.next_frame)])
 
@@ -203,7 +189,12 @@ class PathTracer:
             return [living.pending for living in ended]
         measured = _along_paths(data, paths)
         cells = np.stack([p.cells for p in paths], axis=1)
-        along = MeasuredPaths(data, measured, self._smoothed(data, cells, measured))
+        motion = self.rule.motion
+        states = smooth_paths(
+            data, measured, data.frequency_hz[cells].mean(axis=0), motion, self.hop_s
+        )
+        density = np.array([motion.own_density(data.window_s), motion.bearing_deg2ps3])
+        along = MeasuredPaths(data, measured, states, density)
         is_line = np.isfinite(measured.variance[0])
         parts: list[LinePoints] = []
         living: list[_Living] = []
@@ -227,7 +218,7 @@ class PathTracer:
                     own, data.frame[whole], path.cells[whole],
                     int(data.frame[max(start, end) - 1]) + 1,
                     along.points(own, k, rest),
-                    along.end_of(own, k, path.stop),
+                    along.piece(own, k, slice(path.stop - 1, None, -1)),
                 ))  # fmt: skip
         self.living = _joined(living)
         self._classify(data, cells, lines, is_line)
@@ -235,9 +226,8 @@ class PathTracer:
 
     def _remember(self, lines: list[_Living], data: WindowData) -> None:
         """Keep how lines ended, as long as they may be heard again."""
-        first_s = float(data.time_s[0])
-        self.ended = [e for e in self.ended if first_s - e.time_s < self.silence_s]
-        self.ended += [line.end for line in lines if line.end is not None]
+        ended = PieceEnds.join([self.ended, *(line.end for line in lines)])
+        self.ended = ended.take(data.time_s[0] - ended.time_s < self.silence_s)
 
     def _heirs(self, data: WindowData, paths: list[FoundPath]) -> tuple[list[FoundPath], IntArray]:
         """Give the paths that run beside those of living lines their numbers.
@@ -252,7 +242,7 @@ class PathTracer:
                 before = [paths[i].stop for i in np.flatnonzero(lines == old.line)]
                 begin = max([paths[k].first, *before])
                 is_mostly_later = 2 * begin < paths[k].first + paths[k].stop
-                if is_mostly_later and self._is_heir(data, paths[k], old):
+                if is_mostly_later and is_heir(data, paths[k], old.frame, old.cells):
                     paths[k] = replace(paths[k], first=begin)
                     lines[k] = old.line
                     break
@@ -267,126 +257,63 @@ class PathTracer:
         others are filled in. Returns the paths, those of lines that jumped cut where
         they did.
         """
+        paths, time = list(paths), along.data.time_s
+        order = sorted(range(len(paths)), key=lambda k: paths[k].first)
+        newest = self.next_line
+        first = self._first_paths(lines, order)
+        begins = along.pieces((line, k, slice(paths[k].first, None)) for line, k in first.items())
+        ends = along.pieces(
+            (int(lines[k]), k, slice(paths[k].stop - 1, None, -1))
+            for k in order
+            if paths[k].stop < time.size
+        )
+        silent = PieceEnds.join([self.ended, ends])
+        at_s, pairs = -np.inf, self._returned(along.data, silent, begins, begins.line >= newest)
+        while True:
+            for old, new in pairs:
+                # pairs before may have made a line of both
+                line, number = int(begins.line[new]), int(silent.line[old])
+                last_s = float(silent.time_s[old])  # its points are out if it has no path here
+                if number in lines:
+                    last_s = min(last_s, max(at_s, float(begins.time_s[new])))
+                stop = int(np.searchsorted(time, last_s, "right"))
+                if line != number and _is_cut(paths, first[line], lines == number, stop):
+                    lines[lines == line] = number
+                    silent.line[silent.line == line] = number
+                    self.families.rename(line, number)
+                    self.jumps.rename(line, number)
+            silent = silent.take(~np.isin(np.arange(silent.line.size), [old for old, _ in pairs]))
+            begins = begins.take(~np.isin(np.arange(begins.line.size), [new for _, new in pairs]))
+            found = self.jumps.find(silent, begins, partial(along.kinks, lines))
+            if found is None:
+                break
+            at_s, pairs = found
+        self.ended = self.ended.take(~np.isin(self.ended.line, lines))
+        return paths
+
+    def _first_paths(self, lines: IntArray, order: list[int]) -> dict[int, int]:
+        """Give new lines numbers; return the first path of each that has no point outside."""
         inside = {old.line for old in self.living if old.out_to <= old.frame[0]}
-        silent, fresh = list(self.ended), []
-        for k in sorted(range(len(paths)), key=lambda k: paths[k].first):
-            if lines[k] == 0:
-                lines[k] = self._returned(along, k, paths[k].first, silent)
+        first: dict[int, int] = {}
+        for k in order:
             if lines[k] == 0:
                 lines[k] = self.next_line
                 inside.add(self.next_line)
                 self.next_line += 1
-            if lines[k] in inside:  # no point of it is out
-                fresh.append(k)
-            silent = [end for end in silent if end.line != lines[k]]
-            end = along.end_of(int(lines[k]), k, paths[k].stop)
-            if end is not None and paths[k].stop < along.data.frame.size:
-                silent.append(end)
-        paths = self._jumped(along, paths, lines, fresh, silent)
-        taken = set(lines.tolist())
-        self.ended = [end for end in self.ended if end.line not in taken]
-        return paths
-
-    def _jumped(
-        self,
-        along: MeasuredPaths,
-        paths: list[FoundPath],
-        lines: IntArray,
-        fresh: list[int],
-        silent: list[PathEnd],
-    ) -> list[FoundPath]:
-        """Give new lines the numbers of those that have jumped to where they are.
-
-        As in `_named`; ``fresh`` are paths whose lines have no points outside yet,
-        ``silent`` ends of the lines that may have jumped.
-        """
-        time, paths = along.data.time_s, list(paths)
-        begins: list[tuple[int, PathEnd]] = []
-        for k in fresh:
-            at_s = float(time[paths[k].first])
-            state = along.state_at(k, slice(paths[k].first, None), at_s)
-            is_begun = any(lines[k] == begin.line for _, begin in begins)
-            if state is not None and not is_begun:
-                begins.append((k, PathEnd(int(lines[k]), at_s, state)))
-        while found := find_jumped(
-            silent, [begin for _, begin in begins], self.jumps, along, lines
-        ):
-            jump, pairs = found
-            for old, new in pairs:
-                # pairs before may have made a line of both
-                end, (k, begin) = silent[old], begins[new]
-                parts = np.flatnonzero(lines == end.line).tolist()
-                is_own = end.line == begin.line
-                last_s = end.time_s  # its points are out if it has no path here
-                if parts:
-                    last_s = min(last_s, max(jump.time_s, begin.time_s))
-                stop = int(np.searchsorted(time, last_s, "right"))
-                is_before = any(stop <= paths[i].first for i in parts)
-                if is_own or is_before or stop >= paths[k].stop:
-                    continue
-                for i in parts:
-                    paths[i] = replace(paths[i], stop=min(paths[i].stop, stop))
-                paths[k] = replace(paths[k], first=max(paths[k].first, stop))
-                lines[lines == begin.line] = end.line
-                silent = self._renamed(begin.line, end.line, silent)
-            gone = {old for old, _ in pairs}
-            silent = [end for i, end in enumerate(silent) if i not in gone]
-            known = {new for _, new in pairs}
-            begins = [begin for i, begin in enumerate(begins) if i not in known]
-        return paths
-
-    def _renamed(self, line: int, number: int, ends: list[PathEnd]) -> list[PathEnd]:
-        """Enter what is known of a line under the number of one that it continues."""
-        self.families.rename(line, number)
-        for jump in self.jumps:
-            if line in jump.lines:
-                jump.lines.remove(line)
-                jump.lines.add(number)
-        return [replace(e, line=number) if e.line == line else e for e in ends]
+            if lines[k] in inside:
+                first.setdefault(int(lines[k]), k)
+        return first
 
     def _returned(
-        self, along: MeasuredPaths, column: int, first: int, silent: list[PathEnd]
-    ) -> int:
-        """Return the number of the silent line that a path continues, 0 for none."""
-        data = along.data
-        begin_s = float(data.time_s[first])
-        silent = [end for end in silent if 0.0 < begin_s - end.time_s < self.silence_s]
-        now = along.state_at(column, slice(first, None), begin_s)
-        if not silent or now is None:
-            return 0
+        self, data: WindowData, ends: PieceEnds, begins: PieceEnds, is_new: BoolArray
+    ) -> list[tuple[int, int]]:
+        """Return pairs of an end and of the new beginning that continues it."""
+        gap_s = begins.time_s - ends.time_s[:, None]
+        is_silent = (gap_s > 0.0) & (gap_s < self.silence_s) & is_new
         band = float(data.frequency_hz[-1] - data.frequency_hz[0])
-        density = (len(silent) + len(self.living)) / band
-        motion = self.rule.motion
-        noise = np.array([motion.own_density(data.window_s), motion.bearing_deg2ps3])
-        one = KalmanState(*(np.reshape(entry, (2, 1)) for entry in now))
-        ratio = [
-            float(log_ratio_of_return(
-                end.state, noise, begin_s - end.time_s, one, self.resolution_hz, density
-            )[0])
-            for end in silent
-        ]  # fmt: skip
-        best = int(np.argmax(ratio))
-        return silent[best].line if ratio[best] > LEAST_LOG_RATIO else 0
-
-    def _is_heir(self, data: WindowData, path: FoundPath, old: _Living) -> bool:
-        """Tell whether a path runs beside that of a living line."""
-        frames = data.frame[path.first : path.stop]
-        cells = path.cells[path.first : path.stop]
-        _, ours, theirs = np.intersect1d(frames, old.frame, return_indices=True)
-        is_common = np.ones(ours.size, dtype=bool)
-        return is_same_line(cells[ours], old.cells[theirs], is_common, data.cells_per_bin)
-
-    def _smoothed(self, data: WindowData, cells: IntArray, measured: Measured) -> FloatArray:
-        """Smooth the paths' measurements; return states, (frame, 5, 2, line)."""
-        motion = self.rule.motion
-        middle = data.frequency_hz[cells].mean(axis=0)
-        density = np.stack([
-            motion.frequency_density(middle, data.window_s),
-            np.full(middle.size, motion.bearing_deg2ps3),
-        ])  # fmt: skip
-        rate_hzps = motion.rate_std_hzps(data.window_s, self.hop_s)
-        rate_std = np.array([rate_hzps, motion.bearing_rate_degps])
-        return smooth_window(measured, data.time_s, density, rate_std)
+        n_others = np.maximum(np.count_nonzero(is_silent, axis=0) + len(self.living), 1)
+        ratio = log_ratio_of_return(ends, begins, self.resolution_hz, n_others / band)
+        return stitched(np.where(is_silent, ratio, -np.inf), LEAST_LOG_RATIO)
 
     def _classify(
         self, data: WindowData, cells: IntArray, lines: IntArray, is_line: BoolArray
@@ -412,7 +339,7 @@ class PathTracer:
     def line_table(self) -> LineTable:
         """Return what is known of the lines, at the end."""
         return line_table(
-            self.samples, self.families, self.jumps,
+            self.samples, self.families, self.jumps.told,
             window_frames=1.0 / (self.resolution_hz * self.hop_s),
             resolution_hz=self.resolution_hz,
         )  # fmt: skip
@@ -437,6 +364,25 @@ def _is_beyond(
     score = path.score - float(excess[path.cells].mean())
     is_expected = (np.abs(expected - path.cells[0]) <= 2 * cells_per_bin).any()
     return bool(score > least.new or (is_expected and score > least.continued))
+
+
+def is_heir(data: WindowData, path: FoundPath, frame: IntArray, cells: IntArray) -> bool:
+    """Tell whether a path runs within a bin of that of a living line, in four frames or more."""
+    own = slice(path.first, path.stop)
+    _, ours, theirs = np.intersect1d(data.frame[own], frame, return_indices=True)
+    away = np.abs(path.cells[own][ours] - cells[theirs])
+    return away.size >= 4 and bool(np.median(away) <= data.cells_per_bin)
+
+
+def _is_cut(paths: list[FoundPath], later: int, is_part: BoolArray, stop: int) -> bool:
+    """Cut a line's paths at a frame, from which another one goes on, if that can be."""
+    parts = np.flatnonzero(is_part).tolist()
+    if stop >= paths[later].stop or any(stop <= paths[i].first for i in parts):
+        return False
+    for i in parts:
+        paths[i] = replace(paths[i], stop=min(paths[i].stop, stop))
+    paths[later] = replace(paths[later], first=max(paths[later].first, stop))
+    return True
 
 
 def _along_paths(data: WindowData, paths: list[FoundPath]) -> Measured:

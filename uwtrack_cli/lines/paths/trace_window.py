@@ -10,6 +10,7 @@ window by the filters of `estimation.kalman`, all lines at once.
 **References.** Rauch, Tung & Striebel (1965).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,7 @@ from uwtrack_cli.estimation.noise_floor import (
     noise_floor,
 )
 from uwtrack_cli.estimation.window import NOISE_BANDWIDTH_BINS, frequency_std_hz, peak_offset_bins
+from uwtrack_cli.lines.tracker_options import ProcessNoise
 from uwtrack_cli.lines.tracking.track_store import UNKNOWN_BEARING_VARIANCE
 
 _PEAK_SNR = 1.6
@@ -74,11 +76,59 @@ class WindowData(Rows):
     """Cells per natural bin."""
 
     @property
+    def even_floor(self) -> FloatArray:
+        """Noise density without the power law of the ground, shape (frame, cell)."""
+        return self.floor / power_law(self.frequency_hz, self.exponent)
+
+    @property
     def power_ratio(self) -> FloatArray:
         """Power over noise; nan in a gap, and over the floor of silence beside sound."""
         ratio = self.power / self.floor
         ratio[ratio > 1.0 / LEAST_SHARE] = np.nan
         return ratio
+
+
+class Windows:
+    """Cuts blocks of spectrogram into windows that overlap by one half.
+
+    Parameters
+    ----------
+    first
+        The first block.
+    band_hz
+        Lowest and highest frequency of the windows, Hz.
+    window_frames
+        Frames of a window.
+    """
+
+    def __init__(
+        self, first: Spectrogram, band_hz: tuple[float, float], window_frames: int
+    ) -> None:
+        # the cells at zero are not exponential
+        low = max(band_hz[0], 2.0 / first.frames.window_s)
+        is_inside = (first.frequency_hz >= low) & (first.frequency_hz <= band_hz[1])
+        inside = np.flatnonzero(is_inside)
+        self.chosen = slice(int(inside[0]), int(inside[-1]) + 1)
+        self.window_frames = window_frames
+        self.is_first = True
+        self._held: list[WindowData] = []
+        self._n_held = 0
+
+    def push(self, block: Spectrogram) -> Iterator[WindowData]:
+        """Take a block; yield the windows that are full."""
+        self._held.append(to_window(block, self.chosen))
+        self._n_held += block.frames.n_frames
+        while self._n_held >= self.window_frames:
+            data = WindowData.join(self._held)
+            rest = data.take(slice(self.window_frames // 2, None))
+            self._held, self._n_held = [rest], rest.frame.size
+            yield data.take(slice(self.window_frames))
+            self.is_first = False
+
+    def rest(self) -> WindowData | None:
+        """Return what no window has had whole, at the end; None if there is nothing."""
+        n_searched = 0 if self.is_first else self.window_frames // 2
+        return WindowData.join(self._held) if self._n_held > n_searched else None
 
 
 @dataclass(frozen=True)
@@ -243,6 +293,23 @@ def smooth_window(
     everywhere = np.ones((n_frames, 1, 1), dtype=bool)
     kalman.smooth_all(states, steps, noise_density, everywhere)
     return states
+
+
+def smooth_paths(
+    data: WindowData, measured: Measured, middle_hz: FloatArray, motion: ProcessNoise, hop_s: float
+) -> FloatArray:
+    """Smooth all lines of a window by how fast they may change at their frequencies.
+
+    Middle frequencies in Hz have the shape (line,), frames come every ``hop_s``; returns
+    states, shape (frame, 5, 2, line).
+    """
+    density = np.stack([
+        motion.frequency_density(middle_hz, data.window_s),
+        np.full(middle_hz.size, motion.bearing_deg2ps3),
+    ])  # fmt: skip
+    rate_hzps = motion.rate_std_hzps(data.window_s, hop_s)
+    rate_std = np.array([rate_hzps, motion.bearing_rate_degps])
+    return smooth_window(measured, data.time_s, density, rate_std)
 
 
 def _first_state(measured: Measured, rate_std: FloatArray) -> kalman.KalmanState:

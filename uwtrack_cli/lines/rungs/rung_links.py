@@ -17,8 +17,7 @@ Ratios of jumps agree within three standard deviations of their difference.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple, Self
+from typing import Any
 
 import numpy as np
 
@@ -41,9 +40,10 @@ Place = tuple[int, int]
 
 def numbers_of_lines(rungs: Sequence[RungLines], stands: Sequence[BoolArray]) -> list[IntArray]:
     """Return the number of each line, shape (line,) for each rung."""
+    step_s = min((rung.hop_s for rung in rungs), default=1.0)
     told, heard = (
         {
-            (number, line): _Told.of(rung, points[number], line)
+            (number, line): _steps_told(rung, points[number], line, step_s)
             for number, rung in enumerate(rungs)
             for line in range(rung.names.size)
         }
@@ -55,63 +55,26 @@ def numbers_of_lines(rungs: Sequence[RungLines], stands: Sequence[BoolArray]) ->
         a, b = group[one], group[two]
         if a == b:
             continue
-        shorter_s = min(heard[a].length_s, heard[b].length_s)
-        if told[a].common_s(told[b]) > DOUBLE_SHARE * shorter_s:
+        n_both = np.intersect1d(told[a], told[b], assume_unique=True).size
+        if n_both > DOUBLE_SHARE * min(heard[a].size, heard[b].size):
             continue
         for place in members[b]:
             group[place] = a
         members[a] += members.pop(b)
-        told[a] = told[a].joined(told[b])
-        heard[a] = heard[a].joined(heard[b])
+        told[a], heard[a] = np.union1d(told[a], told[b]), np.union1d(heard[a], heard[b])
     return _numbered(rungs, stands, members)
 
 
-@dataclass(frozen=True)
-class _Told:
-    """When a line is told."""
+def _steps_told(rung: RungLines, stands: BoolArray, line: int, step_s: float) -> IntArray:
+    """Return in which steps of time a line of a rung is told, ascending.
 
-    begin_s: FloatArray
-    """Begin of each stretch, ascending, shape (stretch,)."""
-    end_s: FloatArray
-    """Its end, shape (stretch,)."""
-
-    @classmethod
-    def of(cls, rung: RungLines, stands: BoolArray, line: int) -> Self:
-        """Return when a line of a rung is told: while its points follow each other."""
-        points = slice(int(rung.first[line]), int(rung.first[line + 1]))
-        is_heard = stands[points] & (rung.ratio[points] > 0.0)  # and does not coast
-        time_s = rung.time_s[points][is_heard]
-        is_apart = np.diff(time_s) > 1.5 * rung.hop_s
-        return cls(
-            time_s[np.append(True, is_apart)[: time_s.size]],
-            time_s[np.append(is_apart, True)[: time_s.size]],
-        )
-
-    @property
-    def length_s(self) -> float:
-        """Time in which it is told, s."""
-        return float((self.end_s - self.begin_s).sum())
-
-    def common_s(self, other: Self) -> float:
-        """Return the time in which both are told, s."""
-        if not (self.begin_s.size and other.begin_s.size):
-            return 0.0
-        edges = np.stack([self.begin_s, self.end_s], axis=1).ravel()
-        length = np.stack([np.zeros(self.begin_s.size), self.end_s - self.begin_s], 1)
-        before = np.cumsum(length.ravel())
-        ends, begins = (np.interp(t, edges, before) for t in (other.end_s, other.begin_s))
-        return float((ends - begins).sum())
-
-    def joined(self, other: Self) -> Self:
-        """Return when either is told."""
-        begin_s = np.concatenate([self.begin_s, other.begin_s])
-        end_s = np.concatenate([self.end_s, other.end_s])
-        order = np.argsort(begin_s, kind="stable")
-        begin_s, end_s = begin_s[order], np.maximum.accumulate(end_s[order])
-        # what reaches into the next stretch is one with it
-        is_first = np.append(True, begin_s[1:] > end_s[:-1])[: begin_s.size]
-        is_last = np.append(is_first[1:], True)[: begin_s.size]
-        return type(self)(begin_s[is_first], end_s[is_last])
+    A point tells the time for half a hop to either side, if it does not coast.
+    """
+    points = slice(int(rung.first[line]), int(rung.first[line + 1]))
+    is_heard = stands[points] & (rung.ratio[points] > 0.0)
+    first = np.floor((rung.time_s[points][is_heard] - 0.5 * rung.hop_s) / step_s + 1e-3)
+    n_steps = max(1, round(rung.hop_s / step_s))
+    return np.unique(first.astype(np.int64)[:, None] + np.arange(n_steps))
 
 
 def _companions(rungs: Sequence[RungLines]) -> list[tuple[Place, Place]]:
@@ -170,27 +133,6 @@ SAME_RATIO_SIGMAS = 3.0
 """Deviations of the difference of two ratios up to which both are one jump."""
 
 
-class _Jump(NamedTuple):
-    """A jump as one rung tells it."""
-
-    n_lines: int
-    """Lines that jumped."""
-    time_s: float
-    """When, s."""
-    ratio: float
-    """Rate afterwards over the rate before."""
-    ratio_std: float
-    """Standard deviation of the ratio."""
-    contact: int
-    """Contact of most of the lines among the joined ones."""
-
-    def is_same(self, other: "_Jump", reach_s: float) -> bool:
-        """Tell whether two rungs tell one jump."""
-        off = abs(self.ratio - other.ratio)
-        allowed = SAME_RATIO_SIGMAS * float(np.hypot(self.ratio_std, other.ratio_std))
-        return abs(self.time_s - other.time_s) <= reach_s and off <= allowed
-
-
 def joined_jumps(
     lines: Sequence[Lines],
     rungs: Sequence[RungLines],
@@ -199,45 +141,36 @@ def joined_jumps(
 ) -> dict[str, Any]:
     """Return the columns of the jumps of joined lines, in the order of time.
 
-    ``contact`` is that of each joined line, by its number less one.
+    ``contact`` is that of each joined line, by its number less one. A file of an older
+    version has no jumps.
     """
     reach_s = max(rung.window_s for rung in rungs)
-    told = [
-        jump
-        for one, rung, names in zip(lines, rungs, numbers, strict=True)
-        for jump in _told(one, rung, names, contact)
-    ]
-    kept: list[_Jump] = []
-    for jump in sorted(told, key=lambda each: (-each.n_lines, each.ratio_std)):
-        if not any(jump.is_same(other, reach_s) for other in kept):
-            kept.append(jump)
-    kept.sort(key=lambda each: each.time_s)
-    return {
-        "jump_time_s": np.array([jump.time_s for jump in kept], float),
-        "jump_ratio": np.array([jump.ratio for jump in kept], float),
-        "jump_ratio_std": np.array([jump.ratio_std for jump in kept], float),
-        "jump_line_count": np.array([jump.n_lines for jump in kept], np.int64),
-        "jump_contact": np.array([jump.contact for jump in kept], np.int64),
-    }
+    names = ("jump_line_count", "jump_time_s", "jump_ratio", "jump_ratio_std", "jump_contact")
+    told = [np.zeros((len(names), 0))]
+    for one, rung, joined in zip(lines, rungs, numbers, strict=True):
+        if one.jump_line_count is not None:
+            told.append(np.stack([getattr(one, name) for name in names]).astype(float))
+            place = np.searchsorted(one.line_id, rung.names)
+            own = np.where(joined > 0, one.line_contact[place], 0)
+            told[-1][4] = [
+                _usual(contact[joined[own == old] - 1]) if old else 0 for old in told[-1][4]
+            ]
+    jumps = np.concatenate(told, axis=1)
+    kept: list[int] = []
+    for k in np.lexsort((jumps[3], -jumps[0])).tolist():
+        _, late_s, off, _, _ = np.abs(jumps[:, kept] - jumps[:, [k]])
+        std = np.hypot(jumps[3, kept], jumps[3, k])
+        if not ((late_s <= reach_s) & (off <= SAME_RATIO_SIGMAS * std)).any():
+            kept.append(k)
+    kept.sort(key=lambda k: jumps[1, k])
+    columns = dict(zip(names, jumps[:, kept], strict=True))
+    whole = {name: columns[name].astype(np.int64) for name in ("jump_line_count", "jump_contact")}
+    return columns | whole
 
 
-def _told(lines: Lines, rung: RungLines, numbers: IntArray, contact: IntArray) -> list[_Jump]:
-    """Return the jumps of one rung; a file of an older version has none."""
-    columns = (
-        lines.jump_line_count, lines.jump_time_s, lines.jump_ratio, lines.jump_ratio_std,
-        lines.jump_contact,
-    )  # fmt: skip
-    if any(column is None for column in columns):
-        return []
-    found = []
-    of_line = dict(zip(lines.line_id.tolist(), lines.line_contact.tolist(), strict=True))
-    own = np.array([of_line.get(name, 0) for name in rung.names.tolist()], np.int64)
-    for n_lines, time_s, ratio, std, old in zip(*columns, strict=True):  # type: ignore[arg-type]
-        joined = numbers[(own == old) & (own > 0) & (numbers > 0)]
-        new = contact[joined - 1]
-        best = int(np.bincount(new).argmax()) if new.size else 0
-        found.append(_Jump(int(n_lines), float(time_s), float(ratio), float(std), best))
-    return found
+def _usual(values: IntArray) -> int:
+    """Return the commonest of some numbers, 0 for none."""
+    return int(np.bincount(values).argmax()) if values.size else 0
 
 
 def joined_share(

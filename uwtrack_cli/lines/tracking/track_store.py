@@ -282,17 +282,17 @@ class TrackStore:
         """Return the times in s of kept rows, counted from the start."""
         return self._row_time[self._kept(rows)]
 
-    def recall(self, slots: IntArray, rows: IntArray) -> tuple[FloatArray, KalmanState, FloatArray]:
+    def recall(self, slots: IntArray, rows: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return times, states and noise densities that lines had at kept rows.
 
         Rows are frames counted from the start, of a shape that broadcasts with that of
-        the lines. Times in s have theirs, entries of states and densities the shape (2,
-        ...).
+        the lines. Times in s have theirs, entries of states the shape (..., 5, 2) and
+        densities (..., 2).
         """
         at = self._kept(rows)
-        kept = np.moveaxis(self._ring[at, :_MEASURED, slots], -1, 0)
-        state = kept[:_STATE_ROWS].reshape(5, 2, *kept.shape[1:])
-        return self._row_time[at], KalmanState(*state), kept[_STATE_ROWS:]
+        kept = self._ring[at, :_MEASURED, slots]
+        state = kept[..., :_STATE_ROWS].reshape(*kept.shape[:-1], 5, 2)
+        return self._row_time[at], state, kept[..., _STATE_ROWS:]
 
     def _kept(self, rows: IntArray) -> IntArray:
         """Return the places in the ring of rows, or of the nearest that are kept."""
@@ -315,10 +315,6 @@ class TrackStore:
     def state_of(self, slots: IntArray) -> KalmanState:
         """Return the present states of some lines, entries of shape (2, line)."""
         return KalmanState(*(entry[:, slots] for entry in self.state))
-
-    def drop_ended(self) -> None:
-        """Free the slots of ended lines whose points are not wanted."""
-        self.stage[self.stage == ENDED] = FREE
 
     def keep_frame(self, frame: int, time_s: float, step_s: float) -> None:
         """Copy the table of this frame into the ring."""

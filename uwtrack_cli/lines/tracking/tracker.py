@@ -20,9 +20,7 @@ machines run steadily: as long as the same lines are where they were, to a small
 the width of a tooth, what was found last still holds.
 
 **Conventions.** Every decision depends on the frames alone, never on how they were
-cut into blocks. One block of lines leaves for each block of peaks, and at the end one
-more with the points still held and the table of lines. What that end would be can be
-asked at any time (`FollowedLines.so_far`).
+cut into blocks.
 
 Innovations are in standard deviations. The process noise stays between a share
 of the machine's own drift and that of a vessel nearby; a line begins with the drift of
@@ -33,16 +31,13 @@ the innovations); Myers & Tapley (1976), IEEE Trans. Automatic Control 21, 520-5
 (variance of the measurements).
 """
 
-from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.frames import Frames
-from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Families, Peaks
-from uwtrack_cli.data.streams import RememberedStream
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation import kalman
 from uwtrack_cli.estimation.angles import wrap_deg
@@ -50,10 +45,9 @@ from uwtrack_cli.lines.contacts import ContactSamples, line_table
 from uwtrack_cli.lines.families.comb_test import CombRule
 from uwtrack_cli.lines.families.harmonics import Comb, find_combs
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
-from uwtrack_cli.lines.line_points import LinePoints, LineTable, no_table, to_lines
+from uwtrack_cli.lines.line_points import LinePoints, LineTable
 from uwtrack_cli.lines.tracker_options import ProcessNoise, TrackerOptions
 from uwtrack_cli.lines.tracking.association import Associator
-from uwtrack_cli.lines.tracking.family_jumps import FamilyJumps
 from uwtrack_cli.lines.tracking.frame_peaks import Choice, FramePeaks, split_frames
 from uwtrack_cli.lines.tracking.line_continuation import LineContinuation
 from uwtrack_cli.lines.tracking.llr_score import LlrScore
@@ -97,7 +91,9 @@ _LEAST_JITTER = 0.1
 class LineTracker:
     """Carries the lines from frame to frame."""
 
-    def __init__(self, options: TrackerOptions, frames: Frames, peaks: Peaks) -> None:
+    def __init__(self, options: TrackerOptions, first: Families | Peaks) -> None:
+        peaks = peaks_of(first)
+        frames = peaks.frames
         self.options = options
         self.store = TrackStore()
         self.resolution_hz = 1.0 / frames.window_s
@@ -112,7 +108,6 @@ class LineTracker:
             self.store, self.resolution_hz, self.band_hz, options.gates.silence_s,
             may_turn=options.motion.adaptation > 0.0,
         )  # fmt: skip
-        self.jumps = FamilyJumps(self.store, self.resolution_hz)
         self.hop_s = frames.hop_s
         self.reference = peaks.reference
         self.families = FamilyRegister()
@@ -157,6 +152,23 @@ class LineTracker:
         self.is_after_gap = valid_fraction <= 0.0
         store.keep_frame(frame, time_s, step_s)
 
+    def push(self, block: Families | Peaks) -> tuple[Frames, LinePoints]:
+        """Take a block; return its frames and the points that have become final."""
+        peaks = peaks_of(block)
+        frames, parts = peaks.frames, []
+        for index, frame_peaks in enumerate(split_frames(block, peaks)):
+            if frames.array_heading_deg is not None:
+                self.turn(float(frames.array_heading_deg[index]))
+            self.step(
+                frames.first_frame + index,
+                float(frames.time_s[index]),
+                float(frames.valid_fraction[index]),
+                frame_peaks,
+            )
+            if self.store.is_chunk_full:
+                parts.append(self.emit())
+        return frames, LinePoints.join(parts)
+
     def emit(self) -> LinePoints:
         """Return the points that have become final."""
         return self._emit(LAG_FRAMES)
@@ -187,7 +199,7 @@ class LineTracker:
 
     def _table(self, held: ContactSamples) -> LineTable:
         return line_table(
-            held, self.families, self.jumps.told,
+            held, self.families, self.continuation.jumps.told,
             window_frames=self.window_frames, resolution_hz=self.resolution_hz,
         )  # fmt: skip
 
@@ -303,23 +315,9 @@ class LineTracker:
         fresh = slots[n_confirmed:][is_fresh]
         numbers = self.continuation.numbers(fresh, time_s)
         store.confirm(fresh, numbers)
-        self.jumps.watch(fresh[numbers == 0])
         if fresh.size or self.frames_seen % _JUMPS_EVERY == 0:
-            self._follow_jumps(time_s)
-
-    def _follow_jumps(self, time_s: float) -> None:
-        """Give new lines the numbers of those that have jumped with their family."""
-        if self.jumps.is_idle or not self.continuation.may_jump:
-            return
-        silent = self.continuation.silent()
-        jumped = self.jumps.find(silent, time_s)
-        if not jumped:
-            return
-        slots, old = np.array([(line.slot, line.old) for line in jumped]).T
-        for line, number in zip(jumped, silent.number[old].tolist(), strict=True):
-            self.store.line[line.slot] = number
-            self.families.rename(line.number, number)
-        self.continuation.go_on(slots, silent.take(old))
+            for number, older in self.continuation.jumped().items():
+                self.families.rename(number, older)
 
     def _is_vague(self, slots: IntArray) -> BoolArray:
         """Tell which lines are known too poorly to be separated from others."""
@@ -412,80 +410,14 @@ def grid_frames(window_frames: float) -> int:
     return max(1, round(window_frames))
 
 
-class FollowedLines(RememberedStream[Lines, tuple[Frames, LinePoints]]):
-    """The lines of a stream of peaks, followed while they come.
-
-    Parameters
-    ----------
-    blocks
-        Blocks of peaks, or of families that carry their peaks.
-    make_tracker
-        Makes the tracker from the first block's frames and peaks.
+def peaks_of(block: Families | Peaks) -> Peaks:
+    """Return the peaks of a block, which families carry with them.
 
     Raises
     ------
     DataError
         The families do not carry their peaks.
     """
-
-    def __init__(
-        self,
-        blocks: Iterator[Families | Peaks],
-        make_tracker: Callable[[Frames, Peaks], LineTracker],
-    ) -> None:
-        self._make_tracker = make_tracker
-        self._tracker: LineTracker | None = None
-        super().__init__(self._follow(blocks))
-
-    def so_far(self, start_s: float) -> Lines | None:
-        """Return the lines and their table as they would be if the peaks ended here.
-
-        They begin with the first block that reaches beyond a time, s; None before the
-        first peaks.
-        """
-        past = self._since(start_s)
-        if self._tracker is None or not past:
-            return None
-        frames = Frames.join([frames for frames, _ in past])
-        begin_s = float(frames.time_s[0])
-        held = self._tracker.pending(begin_s)
-        points = LinePoints.join([*(points for _, points in past), held])
-        points = points.since(begin_s).sorted()
-        table = self._tracker.table_of(points)
-        return to_lines(frames, points, table, self._tracker.scalars())
-
-    def _follow(self, blocks: Iterator[Families | Peaks]) -> Iterator[Lines]:
-        frames: Frames | None = None
-        for block in blocks:
-            peaks = _peaks_of(block)
-            frames = peaks.frames
-            if self._tracker is None:
-                self._tracker = self._make_tracker(frames, peaks)
-            tracker = self._tracker
-            parts = []
-            for index, frame_peaks in enumerate(split_frames(block, peaks)):
-                if frames.array_heading_deg is not None:
-                    tracker.turn(float(frames.array_heading_deg[index]))
-                tracker.step(
-                    frames.first_frame + index,
-                    float(frames.time_s[index]),
-                    float(frames.valid_fraction[index]),
-                    frame_peaks,
-                )
-                if tracker.store.is_chunk_full:
-                    parts.append(tracker.emit())
-            points = LinePoints.join(parts)
-            if frames.n_frames:
-                now_s = float(frames.time_s[-1])
-                self._keep(now_s, (frames, points), now_s)
-            yield to_lines(frames, points, no_table(), tracker.scalars())
-        if self._tracker is not None and frames is not None:
-            points, table = self._tracker.finish(), self._tracker.line_table()
-            nothing = frames.take("frame", slice(0, 0))
-            yield to_lines(nothing, points, table, self._tracker.scalars())
-
-
-def _peaks_of(block: Families | Peaks) -> Peaks:
     if isinstance(block, Peaks):
         return block
     if block.peaks is None:
