@@ -1,5 +1,6 @@
 """Contacts that every sensor numbers on its own: which are one target."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,8 @@ from tests.draws.buoy_contacts import pairs_of, scene, score
 from uwtrack_cli.data.directions import Directions
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.tables.container_tables import write_table
+from uwtrack_cli.files.tables.series import read_series
 from uwtrack_cli.motion.locate import locate_vessels
 from uwtrack_cli.motion.target_motion.contact_pairing import pair_contacts
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
@@ -74,6 +77,16 @@ def test_numbers_that_are_common_are_honoured():
     told = replace(series, contact_numbers="common")
     assert pair_contacts(told, OPTIONS, "auto")[1] is None
     assert pair_contacts(told, OPTIONS, "own")[1] is not None
+
+
+@pytest.mark.parametrize("numbers", ["own", "common"])
+def test_a_table_printed_and_read_again_says_whose_its_numbers_are(numbers, tmp_path):
+    series, _, _ = scene(4100, rows=5, buoys=2)
+    path = tmp_path / "t.csv"
+    path.write_text("\n".join(write_table(replace(series, contact_numbers=numbers), "csv")))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the origin of the grid is no column of a table
+        assert read_series(path).contact_numbers == numbers
 
 
 def test_two_contacts_that_say_the_same_share_a_pairing_evenly():

@@ -73,6 +73,7 @@ def write_simulation(
             recording.sample_rate_hz,
             subtype,
             overwrite=overwrite,
+            start_utc_ns=recording.start_utc_ns,
         )
         facts = json.dumps(truth(scenario, recording.sensor.id))
         told = write_sensor(sound, recording.sensor, overwrite=overwrite)

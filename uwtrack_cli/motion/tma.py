@@ -19,6 +19,7 @@ Numer. Anal. 10.
 """
 
 from typing import Annotated, Literal
+from warnings import warn
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked
 from uwtrack_cli.data.sensor import Navigation, Sensor, SoundSpeed
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.errors import DataError, OptionError, UwtrackNote
 from uwtrack_cli.motion.options import BounceGeometry, Misfit, MotionModel, Nuisances, Search
 from uwtrack_cli.motion.passage.fit.nuisances import COMPASS_STD_DEG
 from uwtrack_cli.motion.passage.model.direction_bearings import bearing_series
@@ -346,6 +347,10 @@ def _contacts(
     """Take the inputs apart; contacts of an array that have no lines come after."""
     if series is None and lines is None and directions is not None:
         return measurements_from_series(bearing_series(directions))
+    if directions is not None:
+        used = "lines" if series is None else "table"
+        msg = f"the directions are not used: the motion is fitted to the {used}."
+        warn(msg, UwtrackNote, stacklevel=4)
     if (series is None) == (lines is None) and not (is_array and series is not None):
         found = "neither" if series is None else "both"
         msg = (

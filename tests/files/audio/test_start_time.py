@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.files.audio.recording_file import write_wav
 from uwtrack_cli.files.audio.start_time import PRESETS, find_start_utc_ns
 from uwtrack_cli.files.utc import format_utc, parse_utc
 
@@ -134,3 +136,26 @@ def test_presets_are_documented_by_name():
     text = Path(start_time.__file__).read_text()
     documented = text[text.index('"""File names of the usual') :]
     assert all(name in documented for name in PRESETS)
+
+
+@pytest.mark.parametrize("name", ["a.wav", "b.flac", "c.rf64"])
+def test_a_start_that_was_written_is_read_to_the_nanosecond_unless_the_name_tells(name, tmp_path):
+    time_ns = parse_utc("2024-05-02T06:30:00.250000001Z")
+    for start, named in (
+        (time_ns, name),
+        (None, f"none-{name}"),
+        (time_ns, f"20190101_120000{name}"),
+    ):
+        write_wav(tmp_path / named, iter([np.zeros((9, 1), np.float32)]), 4e3, start_utc_ns=start)
+    assert find_start_utc_ns(tmp_path / name) == time_ns
+    assert find_start_utc_ns(tmp_path / f"none-{name}") is None
+    told = find_start_utc_ns(tmp_path / f"20190101_120000{name}")
+    assert format_utc(told) == "2019-01-01T12:00:00.000Z"
+
+
+@pytest.mark.parametrize("date", ["2024-05-02", "2024", "2024-05-02T06:30:00", "T99Z"])
+def test_a_date_in_a_header_without_time_and_zone_is_no_start(date, tmp_path):
+    with soundfile.SoundFile(tmp_path / "a.wav", "w", 4000, 1) as file:
+        file.date = date
+        file.write(np.zeros(9))
+    assert find_start_utc_ns(tmp_path / "a.wav") is None

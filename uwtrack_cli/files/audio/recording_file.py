@@ -28,6 +28,7 @@ from uwtrack_cli.files.audio.reader import AudioReader, file_stamp
 from uwtrack_cli.files.checks import check_readable, file_digest
 from uwtrack_cli.files.input_ledger import as_input
 from uwtrack_cli.files.text_escaping import file_name
+from uwtrack_cli.files.utc import format_utc
 
 __all__ = ["open_recording", "write_wav"]
 
@@ -273,6 +274,8 @@ WRITTEN_FORMATS = {
     ".wav": "WAV", ".rf64": "RF64", ".w64": "W64", ".flac": "FLAC",
     ".aif": "AIFF", ".aiff": "AIFF",
 }  # fmt: skip
+DATED = frozenset({"WAV", "RF64", "FLAC"})
+"""Formats whose header holds a date."""
 WAV_BYTES = 0xFFFFFFFF - 4096
 
 
@@ -283,13 +286,15 @@ def write_wav(
     subtype: str = "PCM_16",
     *,
     overwrite: bool = False,
+    start_utc_ns: int | None = None,
 ) -> int:
     """Write blocks of samples as a recording; the suffix decides its format.
 
     ``path``: target: .wav, .rf64, .w64, .flac, .aif or .aiff. ``blocks``: float32
     blocks in full-scale units, shape (sample, channel). ``sample_rate_hz``: sample
     rate, whole Hz. ``subtype``: sample format, as libsndfile names it (PCM_16, PCM_24,
-    FLOAT, ...).
+    FLOAT, ...). ``start_utc_ns``: time of the first sample, ns since 1970-01-01 UTC, for
+    the header of those formats that hold a date (not .w64, .aif).
 
     Returns
     -------
@@ -317,7 +322,10 @@ def write_wav(
         msg = f"{kind} has no sample format {subtype!r}."
         raise OptionError(msg)
     with atomic_target(path, overwrite=overwrite) as temporary:
-        return _write_blocks(temporary, path, iter(blocks), int(sample_rate_hz), kind, subtype)
+        date = "" if start_utc_ns is None or kind not in DATED else format_utc(start_utc_ns)
+        return _write_blocks(
+            temporary, path, iter(blocks), int(sample_rate_hz), kind, subtype, date
+        )
 
 
 def flac_bytes(samples: FloatArray, sample_rate_hz: int) -> bytes:
@@ -332,7 +340,13 @@ def flac_bytes(samples: FloatArray, sample_rate_hz: int) -> bytes:
 
 
 def _write_blocks(
-    temporary: Path, path: Path, blocks: Iterator[Samples], rate: int, kind: str, subtype: str
+    temporary: Path,
+    path: Path,
+    blocks: Iterator[Samples],
+    rate: int,
+    kind: str,
+    subtype: str,
+    date: str,
 ) -> int:
     first = next(blocks, None)
     if first is None:
@@ -343,6 +357,8 @@ def _write_blocks(
         with soundfile.SoundFile(
             str(temporary), "w", rate, first.shape[1], subtype, format=kind
         ) as file:
+            if date:
+                file.date = date
             for block in _chain(first, blocks):
                 if not np.isfinite(block).all() and "PCM" in subtype:
                     msg = f"samples of {path} are no numbers near sample {total}."

@@ -1,14 +1,18 @@
-"""When a recording began: from an option, or from the name of its file.
+"""When a recording began: from an option, the name of its file, or its header.
 
 **Method.** Every preset that fits the file name is tried; the time counts only if
 all of them agree. A pattern of one's own is written as for `strptime` and may stand
-anywhere in the name.
+anywhere in the name. Where the name tells nothing, the date in the header counts (ICRD
+of a WAV file, DATE of a FLAC file) if it is a time with its zone: days and local times
+are of whoever edited the file.
 """
 
 import re
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
+
+import soundfile
 
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.utc import epoch_ns, format_utc, named_zone, parse_utc
@@ -40,6 +44,10 @@ DIRECTIVES = {
 }  # fmt: skip
 
 
+ZONED = re.compile(r"T.*(Z|[+-]\d\d:?\d\d)$")
+"""A date that is a time with its zone."""
+
+
 def find_start_utc_ns(
     path: Path,
     *,
@@ -49,15 +57,15 @@ def find_start_utc_ns(
 ) -> int | None:
     """Return the time of the first sample, ns since 1970-01-01 UTC.
 
-    ``path``: the recording; only its name is looked at. ``start_utc``: the time itself,
-    ISO 8601. ``time_pattern``: name of a preset, or a pattern such as
+    ``path``: the recording; its name is looked at, then its header. ``start_utc``: the
+    time itself, ISO 8601. ``time_pattern``: name of a preset, or a pattern such as
     ``H1_%Y%m%d-%H%M%S``. ``time_zone``: time zone of the name (and of a time without
     zone): a name or an offset.
 
     Returns
     -------
     int or None
-        None if neither says when the recording began.
+        None if nothing says when the recording began.
 
     Raises
     ------
@@ -89,7 +97,19 @@ def find_start_utc_ns(
     if not found and time_pattern is not None:
         msg = f"the name {path.name} does not fit the pattern {time_pattern!r}."
         raise DataError(msg)
-    return next(iter(found), None)
+    return next(iter(found)) if found else _start_in_header(path)
+
+
+def _start_in_header(path: Path) -> int | None:
+    """Return the time that the header of a file tells with its zone, None without one."""
+    if not path.is_file():  # what still comes through a pipe is not to be taken from it
+        return None
+    try:
+        with soundfile.SoundFile(str(path)) as file:
+            date = file.date
+        return parse_utc(date) if ZONED.search(date) else None
+    except (soundfile.SoundFileError, DataError):
+        return None  # whoever reads the sound tells what is wrong with it
 
 
 def check_clock_options(time_pattern: str | None = None, time_zone: str | None = None) -> None:

@@ -34,7 +34,7 @@ OTHERS = (
     "sensor_latitude", "sensor_longitude", "sensor_east_m", "sensor_north_m",
     "array_heading_deg", "contact_numbers",
 )  # fmt: skip
-"""Columns that say where a sensor was, and how a line array lay."""
+"""Columns that say where a sensor was, how a line array lay, and whose the contacts are."""
 
 FULL_TURN = 2.0 * np.pi
 ENOUGH_ROWS = 8
@@ -81,6 +81,17 @@ def read_series(path: Path | str, *, sensors: Sequence[Sensor] | None = None) ->
     series = Series(**values, contact_numbers=_contact_numbers(table), where=table.where)
     _check_one_unit(table, series)
     return series if "sensor" not in table else _placed(series, table, sensors)
+
+
+def _contact_numbers(table: Table) -> str:
+    """Tell whose the numbers of contacts are, as the table says or has it."""
+    told = table.cells.get("contact_numbers", [])
+    for row, text in enumerate(told):
+        if text not in {"own", "common"} or text != told[0]:
+            table.fail(row, f"contact_numbers must be own or common in all rows, got {text!r}.")
+    if told:
+        return told[0]
+    return "own" if "contact" in table or "sensor" not in table else "common"
 
 
 def sensor_of_rows(series: Series) -> Sensor | None:
