@@ -146,10 +146,6 @@ VARYING = frozenset({"rest_frequencies_hz", "rest_frequencies_std_hz", "sensors"
 
 
 def _csv(container: Container, rows: Iterable[Row], axis: str | None) -> Iterator[str]:
-    is_series = isinstance(container, Series) and axis in {None, container.ROW}
-    if is_series and container.contact_numbers == "common":
-        # a column contact alone would make the numbers each sensor's own
-        rows = ({**row, "contact_numbers": "common"} for row in rows)
     first, rows = _peek(rows)
     names = [name for name, _ in _flat(first)] if first else _names(container, axis)
     yield csv_line([_column_name(container, name) for name in names])

@@ -83,17 +83,6 @@ def read_series(path: Path | str, *, sensors: Sequence[Sensor] | None = None) ->
     return series if "sensor" not in table else _placed(series, table, sensors)
 
 
-def _contact_numbers(table: Table) -> str:
-    """Tell whose the numbers of contacts are, as the table says or has it."""
-    told = table.cells.get("contact_numbers", [])
-    for row, text in enumerate(told):
-        if text not in {"own", "common"} or text != told[0]:
-            table.fail(row, f"contact_numbers must be own or common in all rows, got {text!r}.")
-    if told:
-        return told[0]
-    return "own" if "contact" in table or "sensor" not in table else "common"
-
-
 def sensor_of_rows(series: Series) -> Sensor | None:
     """Return the one sensor whose fixed place every row of a table gives, or None.
 
