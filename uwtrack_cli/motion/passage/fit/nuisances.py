@@ -160,8 +160,8 @@ def marginalise(
     turn[:count] = np.eye(count)
     slope, own = slant_partials(fit.theta, medium)[0, 1], float(fit.covariance[0, 1, 1])
     linear = float(slope @ inner[:5, :5] @ slope)
-    # of rivals one may pass overhead, where only the slant range is known
-    turn[count, :5] = slope * (np.sqrt(own / linear) if own > 0.0 < linear else 1.0)
+    # a rival that passes overhead has no horizontal range to speak of, but a slant one
+    turn[count, :5] = slope * (np.sqrt(own / linear) if 0.0 < own < linear else 1.0)
     turn[2, 7] = speed / priors.mean[2] * float(known[2])
     turn[3, 8] = float(known[3])
     if fit.change is not None and fit.change.kind == MANOEUVRE:
