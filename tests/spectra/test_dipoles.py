@@ -6,6 +6,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+import soundfile
 from geographiclib.geodesic import Geodesic
 
 from tests.benchmarks.difar_figures import (
@@ -166,6 +167,8 @@ def test_the_command_writes_a_new_sensor_file_and_never_over_another(uwtrack, tm
     by_ais = json.loads(done.stdout)
     assert abs(by_ais["compass_offset_deg"] + 12.0) < 3.0 * by_ais["compass_std_deg"] + 0.5
     assert by_ais["compass_std_deg"] > found["compass_std_deg"]  # of places and clocks
+    # written anew, the sound says no more when it began
+    soundfile.write(tmp_path / "a.wav", *soundfile.read(tmp_path / "a.wav"))
     unknown = uwtrack(*words, "-o", "d.sensor.toml")
     assert unknown.exit_code == 1
     assert "--start-utc" in unknown.stderr

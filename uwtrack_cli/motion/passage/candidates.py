@@ -773,8 +773,10 @@ def split(
     false_alarm_probability
         Probability of a passage in noise alone.
     """
+    if candidate.line_ids.size < 2 * FEWEST_LINES:
+        return [candidate]
     gain = own_motion_gain(candidate)
-    if gain.size < 2 * FEWEST_LINES or gain.max() < SUSPICION:
+    if gain.max() < SUSPICION:
         return [candidate]
     owner, apart = (candidate.contacts, candidate.line_ids), gain > AGREEMENT
     found = take_apart(candidate.data, owner, medium, false_alarm_probability, apart)
