@@ -15,6 +15,7 @@ from pathlib import Path
 import soundfile
 
 from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.files.audio.opening import open_sound
 from uwtrack_cli.files.utc import epoch_ns, format_utc, named_zone, parse_utc
 
 PRESETS: dict[str, str] = {
@@ -105,10 +106,10 @@ def _start_in_header(path: Path) -> int | None:
     if not path.is_file():  # what still comes through a pipe is not to be taken from it
         return None
     try:
-        with soundfile.SoundFile(str(path)) as file:
+        with open_sound(path) as file:
             date = file.date
         return parse_utc(date) if ZONED.search(date) else None
-    except (soundfile.SoundFileError, DataError):
+    except (soundfile.SoundFileError, OSError, DataError):
         return None  # whoever reads the sound tells what is wrong with it
 
 
