@@ -7,8 +7,8 @@ no passage by themselves and may be two gears of one machine are fitted together
 either has too little of the passage. Conversely, vessels that pass close together on like courses
 look like one contact until their closest approach is fitted: a line whose residuals,
 less what all lines share, still follow the partials of the passage has a motion of
-its own. Where there is such a line, every line is fitted by itself and lines that
-agree are fitted together again; the contact is divided only if two vessels with two
+its own. Where there is such a line, all that leave the common motion are fitted alone, and
+lines that agree are fitted together again; the contact is divided only if two vessels with two
 lines each result, neither of which accepts the other's motion.
 
 Whether a vessel passes is decided from all that was measured of a candidate (`motion/decision.py`).
