@@ -46,6 +46,7 @@ from uwtrack_cli.motion.passage.fit.estimator import (
     fit_passage,
     fit_with_coloured_noise,
     level_misfit,
+    of_the_source,
     take_rows,
 )
 from uwtrack_cli.motion.passage.fit.initial_estimates import find_initial_estimates
@@ -374,11 +375,12 @@ def _fit_from(
     short = condense(data, float(theta[0, 0]), float(width))
     blocks = make_blocks(short)
     white = fit_passage(blocks, theta, turn, medium)
+    blocks = of_the_source(blocks, white)
     fit = fit_with_coloured_noise(white, blocks)
     # lines that jitter pull a fit of white noise off the levels: ask the better one
     if _is_misfit(white, blocks) and _is_misfit(fit, blocks):
         short = replace(short, level_db=np.full_like(short.level_db, np.nan))
-        blocks = make_blocks(short)
+        blocks = of_the_source(make_blocks(short), fit)
         fit = fit_passage(blocks, fit.theta, fit.turn, medium)
         fit = fit_with_coloured_noise(fit, blocks)
     likelihood_ratio = passage_likelihood_ratio(
@@ -923,8 +925,11 @@ def _of_rows(
 ) -> CandidatePassage | None:
     """Fit some of the lines of a contact by themselves."""
     is_each_heard = data.bearing_deg.shape[-2] == data.frequency_hz.shape[-2]
-    level = data.line_level_db
     heard = rows if is_each_heard else rows[:0]
+
+    def own(values: FloatArray | None) -> FloatArray | None:
+        return None if values is None else values[rows]
+
     some = replace(
         data,
         frequency_hz=data.frequency_hz[rows],
@@ -932,7 +937,8 @@ def _of_rows(
         bearing_deg=data.bearing_deg[heard],
         bearing_std_deg=data.bearing_std_deg[heard],
         level_db=np.full_like(data.level_db, np.nan),
-        line_level_db=None if level is None else level[rows],
+        line_level_db=own(data.line_level_db),
+        frame_s=own(data.frame_s),
     )
     # a line alone is asked which motion it has, not what else may have happened to it
     return examine(

@@ -19,6 +19,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.coloured_noise import InformationLoss
+from uwtrack_cli.motion.passage.fit.source_patterns import Loss, PatternLoss
 from uwtrack_cli.motion.passage.model.law import Passage
 
 
@@ -93,11 +94,7 @@ def line_sums(shift: FloatArray, weight: FloatArray) -> LineSums:
 
 
 def doppler_sums(
-    law: Passage,
-    shift: FloatArray,
-    weight: FloatArray,
-    sums: LineSums,
-    loss: InformationLoss | None,
+    law: Passage, shift: FloatArray, weight: FloatArray, sums: LineSums, loss: Loss
 ) -> DopplerSums:
     """Return the normal equations of the frequencies alone.
 
@@ -158,7 +155,11 @@ def _separate(sums: _Moments) -> DopplerSums:
 
 
 def _coupled(
-    sums: _Moments, law: Passage, shift: FloatArray, weight: FloatArray, loss: InformationLoss
+    sums: _Moments,
+    law: Passage,
+    shift: FloatArray,
+    weight: FloatArray,
+    loss: InformationLoss | PatternLoss,
 ) -> DopplerSums:
     """Eliminate the rest frequencies together: coloured noise couples the lines."""
     total = weight.sum(axis=1)

@@ -32,7 +32,7 @@ from uwtrack_cli.motion.coloured_noise import (
     information_loss,
 )
 from uwtrack_cli.motion.passage.fit.covariance import passage_covariance
-from uwtrack_cli.motion.passage.fit.line_levels import line_levels
+from uwtrack_cli.motion.passage.fit.line_levels import line_levels, surface_image
 from uwtrack_cli.motion.passage.fit.normal_equations import (
     NO_LOSS,
     FitConstants,
@@ -83,6 +83,9 @@ SLOWNESS_SPM, SLOWNESS_STD_SPM = 0.22, 0.14
 
 LARGEST_TURN_STEP = 0.5
 """Change of the angle of a steady turn in one step, rad."""
+
+BLUR_STEP = 0.1
+"""R/v, as a share, over which the bend of the law is taken."""
 
 TOLERANCE = 1e-2
 """Gain at which the last round ends, with one more step: a seventh of a deviation
@@ -197,6 +200,42 @@ def fit_passage(
     if normal is None:
         normal = normal_equations(theta, data, medium, state.law)
     return _result(theta, data, (blocks, medium), (state, noises, normal))
+
+
+def of_the_source(blocks: Blocks, fit: PassageFit) -> Blocks:
+    """Return measurements whose frequencies are those of the source at the middle of frames.
+
+    A frame's frequency is a mean over its length, and lies inside the bend of the law. With
+    its image in the surface, a source has the phase of one between both, which is farther
+    from a deep sensor than the source is; what is not known of the image is kept as
+    patterns, which `fit_with_coloured_noise` eliminates.
+
+    Parameters
+    ----------
+    blocks
+        Measurements in fit units, one row.
+    fit
+        Straight fit of one row, which says how the frequencies bend.
+    """
+    if blocks.blur_s2 is None or not fit.theta[0, 2]:
+        return blocks
+    near_s = BLUR_STEP * float(fit.range_over_speed_s[0])
+    laws = [fit.law(blocks.time_s + lag) for lag in (-near_s, 0.0, near_s)]
+    before, here, after = (law.shift[0] for law in laws)
+    bend = (before + after - 2.0 * here) / near_s**2
+    off, patterns = 0.5 * blocks.blur_s2[0] * bend, None
+    lines, medium = blocks.parts[0], fit.medium
+    weight = blocks.weight[0, lines]
+    if medium.is_water and np.isfinite(medium.most_m):
+        slant_m = abs(float(fit.theta[0, 2])) * fit.range_over_speed_s[0]
+        log_range = np.log(slant_m) - 0.5 * laws[1].spread[0]
+        mean, spread = surface_image(medium, blocks.mean_hz[0]).shifts(log_range, here)
+        total = weight.sum(axis=0)
+        patterns = (weight * spread).sum(axis=1) / np.where(total > 0, total, 1.0)
+        off = off + mean
+    value = blocks.value.copy()
+    value[0, lines] -= np.where(weight > 0, off, 0.0)
+    return replace(blocks, value=value, image_patterns=patterns)
 
 
 def _unknowns(start: FloatArray, blocks: Blocks, medium: Medium) -> tuple[FloatArray, Medium]:
@@ -338,7 +377,7 @@ def fit_with_coloured_noise(fit: PassageFit, blocks: Blocks, *, rounds: int = 2)
             data = replace(data, losses=losses)
         if number >= 0:
             slow, losses = coloured_noises(theta, state, data, blocks, medium, patterns)
-            if not has_patterns and all(noise.is_white for noise in slow):
+            if losses == NO_LOSS:
                 return fit
         data = weigh(state, weight, blocks, fixed, losses)
         theta, normal = _descend(theta, data, medium, state.law, 15)
@@ -532,8 +571,15 @@ def coloured_noises(
     partials = np.swapaxes(pair_rows(theta, state.law, data)[0, :, 2:], -1, -2)
     model = state.bearing[0] + data.turn[0] * state.law.angle[0]
     lines, _, levels = blocks.parts
+    of_image: FloatArray = np.zeros((0, blocks.time_s.size))
+    if blocks.image_patterns is not None and not blocks.shift.is_empty:
+        of_image = blocks.image_patterns
     series = (
-        (state.residual[0, lines], data.shift_weight[0], -state.law.shift_d[0, :, :3]),
+        (
+            state.residual[0, lines],
+            data.shift_weight[0],
+            np.concatenate([-state.law.shift_d[0, :, :3], of_image.T], axis=1),
+        ),
         (data.pair[0, 0] - model, data.pair_weight[0, 0], partials[0, :, :3]),
         (
             state.residual[0, levels],
@@ -552,11 +598,14 @@ def coloured_noises(
         noise = fit_coloured_noise(mean, size, data.time_s, columns, width, others)
         found.append(noise)
         losses.append(None if noise.is_white else information_loss(size, data.time_s, noise))
-    of_levels = losses[2]
-    if not patterns.size:
-        return tuple(found), (losses[0], losses[1], of_levels)
-    own = with_patterns(data.pair_weight[0, 1], of_levels, patterns)
-    return tuple(found), (losses[0], losses[1], own)
+    kinds = (
+        (data.shift_weight[0].sum(axis=0), losses[0], of_image),
+        (data.pair_weight[0, 1], losses[2], patterns),
+    )
+    first, last = (
+        with_patterns(weight, loss, own) if own.size else loss for weight, loss, own in kinds
+    )
+    return tuple(found), (first, losses[1], last)
 
 
 def _others(

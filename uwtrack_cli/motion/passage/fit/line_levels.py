@@ -122,6 +122,44 @@ class SurfaceImage:
         slope = slope - 2.0 * both * (bend * cosine - by_phase * ratio * phase)
         return np.log(power) - 2.0 * log_range, slope / power - 2.0, weight
 
+    def shifts(self, log_range: FloatArray, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what the image does to frequencies, and what is not known of it.
+
+        The sound of both paths has the phase of a source between source and image.
+
+        Parameters
+        ----------
+        log_range
+            ln of the slant range in m, shape (n,).
+        shift
+            Doppler shift of the direct sound, f/f0 - 1, shape (n,).
+
+        Returns
+        -------
+        tuple[FloatArray, FloatArray]
+            Mean change of f/f0, shape (lines, n), and its standard deviations, one pattern
+            for each case of the image, shape (cases, lines, n).
+
+        Notes
+        -----
+        With 1 - z = 1 - g (R / R2) exp(-i k (R2 - R)), the phase of the direct sound is
+        changed by a = arg(1 - z), and f/f0 by -(f/f0 - 1) (da / d ln R) / (k R).
+        """
+        scale = np.exp(self.std * np.array([-1.0, 0.0, 1.0]))
+        reflection, product = (
+            part.reshape(-1, 1, 1) for part in np.meshgrid(REFLECTIONS, self.depths_m2 * scale)
+        )
+        weight = np.outer([0.25, 0.5, 0.25], THEIR_WEIGHTS).reshape(-1, 1, 1)
+        near = np.exp(log_range)
+        ratio = near / np.sqrt(near**2 + 4.0 * product)
+        wave_number = self.wave_number[:, None]
+        phase = wave_number * (4.0 * product / (near + near / ratio))
+        image = reflection * ratio * np.exp(-1j * phase - 0.5 * (SCALE_STD * phase) ** 2)
+        bend = 1.0 - ratio**2 + ratio * phase * (SCALE_STD**2 * phase + 1j)
+        case = np.imag(image * bend / (1.0 - image)) * (shift / (wave_number * near))
+        mean = (weight * case).sum(axis=0)
+        return mean, np.sqrt(weight) * (case - mean)
+
 
 @dataclass(frozen=True)
 class LineLevels:
@@ -222,8 +260,7 @@ def line_levels(
     if means is None:
         return None
     time, value, share = means
-    depths, std = _depths(medium)
-    image = SurfaceImage(2 * np.pi * blocks.mean_hz[0] / medium.sound_speed_mps, depths, std)
+    image = surface_image(medium, blocks.mean_hz[0])
     none = np.zeros((time.size, time.size))
     levels = LineLevels(time, value, share, image, float(np.log(slant)), none)
     law, residual, partials, cases = levels.rows(theta, medium, change)
@@ -243,6 +280,20 @@ def line_levels(
     noise = _fading(residual, np.column_stack([free, partials[:, :2]]), base, kernels)
     inverse = np.linalg.inv(base + noise)
     return replace(levels, precision=_without(inverse, free))
+
+
+def surface_image(medium: Medium, frequency_hz: FloatArray) -> SurfaceImage:
+    """Return the image in the surface that some lines may have.
+
+    Parameters
+    ----------
+    medium
+        Sound speed, and depths as far as they are known.
+    frequency_hz
+        Frequencies of the lines, Hz, shape (lines,).
+    """
+    wave_number = 2 * np.pi * frequency_hz / medium.sound_speed_mps
+    return SurfaceImage(wave_number, *_depths(medium))
 
 
 def _depths(medium: Medium) -> tuple[float, float]:

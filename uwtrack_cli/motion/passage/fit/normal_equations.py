@@ -20,7 +20,7 @@ from uwtrack_cli.estimation.robust import median_where
 from uwtrack_cli.motion.coloured_noise import InformationLoss
 from uwtrack_cli.motion.passage.fit.doppler import DopplerSums, LineSums, doppler_sums, line_sums
 from uwtrack_cli.motion.passage.fit.line_levels import LineLevels
-from uwtrack_cli.motion.passage.fit.source_patterns import PatternLoss
+from uwtrack_cli.motion.passage.fit.source_patterns import Loss
 from uwtrack_cli.motion.passage.model.law import Passage
 from uwtrack_cli.motion.passage.model.measurements import Blocks
 from uwtrack_cli.motion.passage.model.unknowns import (
@@ -35,9 +35,8 @@ from uwtrack_cli.motion.passage.model.unknowns import (
 FLOOR_PRIOR_DEVIATION = 4.0
 """Weak prior of ln floor about its start, so that an invisible floor is harmless."""
 
-Losses = tuple[InformationLoss | None, InformationLoss | None, InformationLoss | PatternLoss | None]
-"""Information that coloured noise takes from each kind, and patterns of the source from
-levels; None is white noise."""
+Losses = tuple[Loss, InformationLoss | None, Loss]
+"""That of frequencies (patterns of the image), bearings and levels (of the source)."""
 
 NO_LOSS: Losses = (None, None, None)
 

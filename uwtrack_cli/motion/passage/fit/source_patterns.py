@@ -94,6 +94,10 @@ class PatternLoss:
         return told if self.noise is None else told + self.noise.times(rows)
 
 
+Loss = InformationLoss | PatternLoss | None
+"""Information that coloured noise and patterns take; None is white noise."""
+
+
 def with_patterns(
     weight: FloatArray, noise: InformationLoss | None, patterns: FloatArray
 ) -> PatternLoss:

@@ -58,6 +58,9 @@ class PassageData:
     line_level_db: FloatArray | None = None
     """Levels of the lines without the noise in them, dB, shape (..., lines, n); nan is
     missing or weak; None: none were measured."""
+    frame_s: FloatArray | None = None
+    """Lengths of the frames of the frequencies, s, shape (..., lines, n); nan is missing;
+    None: they are those of an instant."""
 
     @property
     def step_s(self) -> float:
@@ -129,16 +132,17 @@ def _averaged(data: PassageData, kept: IntArray | slice, most: int) -> PassageDa
         angle = np.angle(vector) * period / (2 * np.pi) % period
         return np.where(size > 0, angle, np.nan), 1 / np.sqrt(some)
 
+    def plain_mean(value: FloatArray | None) -> FloatArray | None:
+        return None if value is None else mean(value, np.broadcast_to(1.0, value.shape))[0]
+
     count = np.diff(np.append(starts, time.size))
-    heard = data.line_level_db
-    if heard is not None:
-        heard = mean(heard, np.broadcast_to(1.0, heard.shape))[0]
     return PassageData(
         np.add.reduceat(time, starts) / count,
         *mean(data.frequency_hz, data.frequency_std_hz),
         *mean(data.bearing_deg, data.bearing_std_deg, 360.0),
         *mean(data.level_db, data.level_std_db),
-        line_level_db=heard,
+        line_level_db=plain_mean(data.line_level_db),
+        frame_s=plain_mean(data.frame_s),
     )
 
 
@@ -186,7 +190,7 @@ def contact_data(
     if lines is not None and levels is not None and ids.size:
         levels = _around(levels, lines.time_s[np.isin(lines.line, ids)])
     time = _time_axis(lines, levels, ids)
-    frequency, frequency_std, bearing, bearing_std, heard = _line_rows(lines, ids, time)
+    frequency, frequency_std, bearing, bearing_std, heard, frame_s = _line_rows(lines, ids, time)
     level, level_std = np.full((2, 1, time.size), np.nan)
     if levels is not None:
         place = np.searchsorted(time, levels.frames.time_s)
@@ -204,7 +208,7 @@ def contact_data(
         _neighbour("frequency", frames),
         _neighbour("bearing", frames),
         _neighbour("level", frames),
-        heard,
+        heard, frame_s,
     )  # fmt: skip
 
 
@@ -317,11 +321,11 @@ def _time_axis(lines: Lines | None, levels: Levels | None, ids: IntArray) -> Flo
 
 def _line_rows(
     lines: Lines | None, ids: IntArray, time: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray | None]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray | None, FloatArray | None]:
     shape = ids.size, time.size
     if lines is None or not ids.size:
         none = _unknown(shape)
-        return none, none, none, none, None
+        return none, none, none, none, None, None
     points = np.flatnonzero(np.isin(lines.line, ids))
     order = np.argsort(ids)
     row = order[np.searchsorted(ids, lines.line[points], sorter=order)]
@@ -338,7 +342,7 @@ def _line_rows(
     return (
         rows(lines.measured_frequency_hz), rows(lines.measured_frequency_std_hz),
         rows(lines.measured_bearing_deg), rows(lines.measured_bearing_std_deg),
-        _line_levels(lines, points, (row, place), shape),
+        _line_levels(lines, points, (row, place), shape), rows(lines.point_window_s),
     )  # fmt: skip
 
 
@@ -434,6 +438,12 @@ class Blocks:
     """Mean frequency of every line, Hz, shape (batch, lines)."""
     line_level: FloatArray | None = None
     """Levels of the lines, ln of power, shape (batch, lines, n); nan is missing."""
+    blur_s2: FloatArray | None = None
+    """Variance of the times over which a frequency is a mean, s^2, shape (batch, lines, n);
+    0 is missing; None: frequencies are those of an instant."""
+    image_patterns: FloatArray | None = None
+    """What the image in the surface may do to the mean of all lines, each of one standard
+    deviation, shape (patterns, n); None: it is not asked."""
 
     @property
     def parts(self) -> tuple[slice, slice, slice]:
@@ -459,6 +469,11 @@ class Blocks:
     def _block(self, rows: slice) -> Block:
         return Block(self.value[:, rows], self.weight[:, rows])
 
+
+FRAME_VARIANCE = 0.02622
+"""Variance of the times that the frequency of a frame is a mean of, over the square of its
+length: a third of the fourth over the second moment of Hann's window, since the peak of a
+spectrum is the phase's slope by least squares with the window as its weight."""
 
 ANY_BEARING_RAD = 1.79
 """Deviation from which a bearing may be any: that of one in noise alone is 1.81, and none
@@ -503,6 +518,9 @@ def make_blocks(data: PassageData) -> Blocks:
         np.repeat(np.eye(3), count, axis=1),
         mean,
         None if heard is None else _batched(heard) / NEPER_DB,
+        None
+        if data.frame_s is None
+        else FRAME_VARIANCE * np.nan_to_num(_batched(data.frame_s)) ** 2,
     )
 
 
