@@ -47,11 +47,14 @@ def test_a_sharper_row_that_agrees_wins_and_can_take_the_contact():
         assert table.contact.tolist() == [contact]
 
 
-@pytest.mark.parametrize(("late_s", "told_s"), [(0.35, 100.0), (0.45, 100.45)])
-def test_a_row_with_levels_stays_beside_a_sharper_one_within_its_deviations(late_s, told_s):
-    sharper = SLOW | {"time_s": 100.0 + late_s, "range_over_speed_std_s": 0.1}
-    table = compete(encounters_of(SLOW), [encounters_of(sharper)], keeps_first=True)
-    assert table.time_s.tolist() == [told_s]
+def test_a_sharper_row_takes_the_levels_of_the_one_that_it_agrees_with():
+    """They are those of the band that the table states."""
+    sharper = SLOW | {"range_over_speed_std_s": 0.1, "received_level_db": 90.0}
+    first = encounters_of(SLOW | {"received_level_db": 100.0})
+    table = compete(first, [encounters_of(sharper)], keeps_first=True)
+    assert table.range_over_speed_std_s.tolist() == [0.1]
+    assert table.received_level_db.tolist() == [100.0]
+    assert table.contact.tolist() == [1]
 
 
 def test_of_answers_that_do_not_agree_the_more_probable_wins():

@@ -27,14 +27,12 @@ DEVIATIONS = 3.0
 WIDTHS = 1.0
 """d/v, of the shorter passage, within which two rows claim the same time."""
 
-OFF = 2.0
-"""Own deviations from a sharper row beyond which an answer is doubted: both have heard
-one sound, so that their errors are much the same."""
-
-COMPARED = (("range_over_speed_s", "range_over_speed_std_s"), ("speed_mps", "speed_std_mps"))
-"""Columns in which rows agree or not, and those of their deviations."""
-
 LEVEL_ONLY = "level-only"
+
+LEVELS = (
+    "received_level_db", "received_level_std_db", "source_level_db", "source_level_std_db",
+)  # fmt: skip
+"""Columns of the levels in the band of a table."""
 
 STAYS = Rejection("", "")
 """What says that a row is not beaten by another."""
@@ -58,10 +56,9 @@ def compete(
     highest_contact
         Highest contact number that is taken, by lines that passed nobody.
     keeps_first
-        Whether the rows of the first table have more to tell (levels of the broadband):
-        one stays where a sharper one of another table lies within its own deviations.
-        Where that lies beyond (`OFF`), it wins, and takes the contact number of the only
-        one that it agrees with, since the lines of that contact are those that are kept.
+        Whether the lines of the first table are those that are kept, and its levels those
+        of its band: a sharper row of another table takes the contact number and the levels
+        of the only one that it agrees with.
 
     Returns
     -------
@@ -71,30 +68,20 @@ def compete(
     kept = first
     for other in others:
         losers: dict[int, Rejection | None] = {}
-        winners, numbers = [], []
+        winners, same = list[int](), dict[int, int]()
         for row in range(other.n_encounters):
             rivals = [k for k in range(kept.n_encounters) if overlaps(kept, k, other, row)]
             reasons = [_beaten(kept, k, other, row) for k in rivals]
-            if keeps_first:
-                pairs = zip(rivals, reasons, strict=True)
-                reasons = [
-                    STAYS if why is None and _holds(kept, k, other, row) else why
-                    for k, why in pairs
-                ]
             if STAYS in reasons:
                 continue
+            if reasons == [None] and keeps_first and rivals[0] not in losers:
+                same[row] = rivals[0]
             winners.append(row)
-            same = reasons == [None] and keeps_first and rivals[0] not in losers
-            numbers.append(int(kept.contact[rivals[0]]) if same else 0)
             losers |= dict(zip(rivals, reasons, strict=True))
         if winners:
+            won = _with_columns_of(other, kept, same)
             kept = _exchanged(
-                kept,
-                losers,
-                replace(
-                    other.take("encounter", np.array(winners)), contact=np.array(numbers, np.int64)
-                ),
-                highest_contact,
+                kept, losers, won.take("encounter", np.array(winners)), highest_contact
             )
     return kept.take("encounter", np.argsort(np.nan_to_num(kept.time_s, nan=np.inf)))
 
@@ -106,6 +93,16 @@ def overlaps(one: Encounters, k: int, two: Encounters, n: int) -> bool:
     reach = WIDTHS * min(known, default=0.0)
     reach += DEVIATIONS * _spread(one.time_std_s[k], two.time_std_s[n])
     return bool(abs(one.time_s[k] - two.time_s[n]) < reach)
+
+
+def _with_columns_of(table: Encounters, kept: Encounters, same: dict[int, int]) -> Encounters:
+    """Return rows with contact and levels of the kept rows of the same passages; contact 0."""
+    rows, places = np.array(list(same), np.int64), np.array(list(same.values()), np.int64)
+    columns = {name: getattr(table, name).copy() for name in LEVELS}
+    columns["contact"] = np.zeros_like(table.contact)
+    for name, values in columns.items():
+        values[rows] = getattr(kept, name)[places]
+    return replace(table, **columns)
 
 
 def _spread(one: float, two: float) -> float:
@@ -130,15 +127,6 @@ def _beaten(one: Encounters, k: int, two: Encounters, n: int) -> Rejection | Non
 def _probability(table: Encounters, row: int) -> float:
     """Return the probability of a row, zero where none is stated."""
     return float(np.nan_to_num(table.probability[row])) if (table.probability is not None) else 0.0
-
-
-def _holds(one: Encounters, k: int, two: Encounters, n: int) -> bool:
-    """Tell whether row n of another table lies within the deviations of row k."""
-    # what one of them does not know is no disagreement
-    return not any(
-        abs(getattr(one, value)[k] - getattr(two, value)[n]) > OFF * getattr(one, std)[k]
-        for value, std in (("time_s", "time_std_s"), *COMPARED)
-    )
 
 
 def _agree(one: Encounters, k: int, two: Encounters, n: int) -> bool:
