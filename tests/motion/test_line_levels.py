@@ -143,3 +143,34 @@ def test_levels_are_freed_of_noise_and_averaged_with_the_rest():
     level = make_blocks(short).line_level[0, 0]
     near = np.interp(short.time_s, data.time_s[5:], due) * np.log(10) / 10
     np.testing.assert_allclose(level[2:], near[2:], atol=0.1)
+
+
+def test_frequencies_are_those_of_the_phase_of_both_paths(monkeypatch):
+    """By differences of the phase of the sum of both, along a passage at 40 m."""
+    monkeypatch.setattr(line_levels, "SCALE_STD", 0.0)
+    time_s, speed_mps, step_s = np.linspace(-60.0, 60.0, 241), 5.0, 1e-3
+    exact = SurfaceImage(WAVE_NUMBER, SOURCE_M * SENSOR_M, 0.0)
+
+    def ranges_m(at_s):
+        flat = np.hypot(40.0, speed_mps * at_s)
+        return np.hypot(flat, SENSOR_M - SOURCE_M), np.hypot(flat, SENSOR_M + SOURCE_M)
+
+    def phase(at_s, number, reflection):
+        near, far = ranges_m(at_s)
+        return np.exp(-1j * number * near) / near - reflection * np.exp(-1j * number * far) / far
+
+    near = ranges_m(time_s)[0]
+    direct = -(speed_mps**2) * time_s / near / 1500.0
+    mean, patterns = exact.shifts(np.log(near), direct)
+    weight = np.outer([0.25, 0.5, 0.25], line_levels.THEIR_WEIGHTS).ravel()
+    cases = mean + patterns / np.sqrt(weight)[:, None, None]
+    for case, reflection in enumerate(REFLECTIONS):
+        for line, number in enumerate(WAVE_NUMBER):
+            ends = (phase(time_s + lag, number, reflection) for lag in (-step_s, step_s))
+            before, after = ends
+            rate = np.angle(after / before) / (2 * step_s)
+            shift = rate / (number * 1500.0) - direct
+            np.testing.assert_allclose(cases[case, line], shift, atol=2e-6)
+    np.testing.assert_allclose(
+        (np.sqrt(weight)[:, None, None] * patterns).sum(axis=0), 0, atol=1e-12
+    )
