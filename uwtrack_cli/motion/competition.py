@@ -27,6 +27,9 @@ DEVIATIONS = 3.0
 WIDTHS = 1.0
 """d/v, of the shorter passage, within which two rows claim the same time."""
 
+DETERMINED = ("time_std_s", "range_over_speed_std_s", "speed_std_mps")
+"""Columns that say how well a passage is determined."""
+
 LEVEL_ONLY = "level-only"
 
 LEVELS = (
@@ -111,7 +114,7 @@ def _spread(one: float, two: float) -> float:
 
 def _beaten(one: Encounters, k: int, two: Encounters, n: int) -> Rejection | None:
     """Return why the second row beats the first, None if both agree; `STAYS` if not."""
-    sharper = two.range_over_speed_std_s[n] < one.range_over_speed_std_s[k]
+    sharper = _log_size(two, n, one, k) < 0.0
     have_lines = [one.status[k] != LEVEL_ONLY, two.status[n] != LEVEL_ONLY]
     odds = [_probability(*pair) for pair in ((one, k), (two, n))]
     if have_lines[0] != have_lines[1]:
@@ -122,6 +125,13 @@ def _beaten(one: Encounters, k: int, two: Encounters, n: int) -> Rejection | Non
         wins = odds[1] > odds[0]
         words = f"which is more probable ({odds[1]:.2f} against {odds[0]:.2f})"
     return reject(OTHER_RESOLUTION, better=words) if wins else STAYS
+
+
+def _log_size(one: Encounters, k: int, two: Encounters, n: int) -> float:
+    """Return the logarithm of the ratio of what two rows leave open, in all that both know."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratios = [np.log(getattr(one, std)[k] / getattr(two, std)[n]) for std in DETERMINED]
+    return float(sum(ratio for ratio in ratios if np.isfinite(ratio)))
 
 
 def _probability(table: Encounters, row: int) -> float:
