@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import Origin, to_grid
+from uwtrack_cli.acoustics.geodesy import Origin, places_on_grid
 from uwtrack_cli.constants import SOURCE_DEPTH_M
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.recording import Recording
@@ -256,9 +256,7 @@ def _on_grid(track: VesselTrack, truth: Truth, sensor: Sensor) -> Iterator[_Trac
         return
     origin = Origin(float(sensor.latitude or 0.0), float(sensor.longitude or 0.0))
     if np.abs(track.first - origin.latitude).min() <= FAR_DEG:
-        pairs = zip(track.first, track.second, strict=True)
-        places = np.array([to_grid(float(a), float(b), origin) for a, b in pairs])
-        yield _Track(track.vessel, track, places[:, 0], places[:, 1])
+        yield _Track(track.vessel, track, *places_on_grid(track.first, track.second, origin))
 
 
 def _chosen(heard: dict[str, FloatArray], vessel: str | None, within_m: float, truth: Truth) -> str:

@@ -13,7 +13,7 @@ from warnings import warn
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import Origin, to_grid
+from uwtrack_cli.acoustics.geodesy import Origin, places_on_grid
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import RecordedFiles, Recording
@@ -146,12 +146,8 @@ def tracks_past(
         time_s = track.time_s + shift_s
         heard = (time_s > -MARGIN_S) & (time_s < recording.duration_s + MARGIN_S)
         near = heard & (np.abs(track.first - origin.latitude) < NEAR_DEG)
-        places = [
-            to_grid(float(latitude), float(longitude), origin)
-            for latitude, longitude in zip(track.first[near], track.second[near], strict=True)
-        ]
-        if places:
-            east, north = np.array(places).T
+        if near.any():
+            east, north = places_on_grid(track.first[near], track.second[near], origin)
             found.append(
                 VesselTrack(
                     vessel=_parted(track.vessel)[0],

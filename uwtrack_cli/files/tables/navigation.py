@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import Origin, to_grid
+from uwtrack_cli.acoustics.geodesy import Origin, places_on_grid
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.sensor import Navigation
@@ -61,10 +61,9 @@ def _geographic(table: Table) -> dict[str, Any]:
     latitude = table.numbers("latitude", -90.0, 90.0)
     longitude = table.numbers("longitude", -180.0, 360.0)
     first = Origin(float(latitude[0]), float(longitude[0]))
-    places = zip(latitude.tolist(), longitude.tolist(), strict=True)
-    grid = np.array([to_grid(*place, first) for place in places])
+    east, north = places_on_grid(latitude, longitude, first)
     origin = {"origin_latitude": first.latitude, "origin_longitude": first.longitude}
-    return {"east_m": grid[:, 0], "north_m": grid[:, 1], **origin}
+    return {"east_m": east, "north_m": north, **origin}
 
 
 def _integrated(table: Table, time_s: FloatArray) -> dict[str, Any]:

@@ -30,7 +30,7 @@ from warnings import warn
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import Origin, to_grid, to_latitude_longitude
+from uwtrack_cli.acoustics.geodesy import Origin, places_on_grid, to_latitude_longitude
 from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Fixes
@@ -260,7 +260,7 @@ def read_replay_track(path: Path, name: str | None = None, flag: str | None = No
     time_ns = np.array(track.time_ns)[order]
     latitude, longitude = np.array(track.latitude), np.array(track.longitude)
     origin = Origin(float(latitude[order[0]]), float(longitude[order[0]]))
-    east, north = _on_grid(latitude[order], longitude[order], origin)
+    east, north = places_on_grid(latitude[order], longitude[order], origin)
     return Navigation(
         time_s=(time_ns - time_ns[0]) / NANOSECONDS,
         east_m=east,
@@ -389,7 +389,7 @@ def _placed(series: Series, cuts: Sequence[_Cut], tracks: dict[str, _Track]) -> 
     names = _sensors(cuts)
     places = np.array([cut.place or _on_track(cut, tracks) for cut in cuts])
     origin = Origin(*map(float, places[0]))
-    east, north = _on_grid(places[:, 0], places[:, 1], origin)
+    east, north = places_on_grid(places[:, 0], places[:, 1], origin)
     return replace(
         series,
         sensor=np.array(names, np.str_),
@@ -399,14 +399,6 @@ def _placed(series: Series, cuts: Sequence[_Cut], tracks: dict[str, _Track]) -> 
         origin_latitude=origin.latitude,
         origin_longitude=origin.longitude,
     )
-
-
-def _on_grid(
-    latitude: FloatArray, longitude: FloatArray, origin: Origin
-) -> tuple[FloatArray, FloatArray]:
-    places = zip(latitude.tolist(), longitude.tolist(), strict=True)
-    grid = np.array([to_grid(*place, origin) for place in places])
-    return grid[:, 0], grid[:, 1]
 
 
 def _on_track(cut: _Cut, tracks: dict[str, _Track]) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from warnings import warn
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import Origin, to_grid, to_latitude_longitude
+from uwtrack_cli.acoustics.geodesy import Origin, places_on_grid, to_grid, to_latitude_longitude
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.options import shown
@@ -286,11 +286,7 @@ def _told(known: Mapping[str, Sensor], used: Sequence[str], name: str) -> FloatA
 
 def _geographic_rows(latitude: FloatArray, longitude: FloatArray) -> Place:
     origin = Origin(float(latitude[0]), float(longitude[0]))
-    # equal places once: geodesics are slow
-    pairs, row = np.unique(np.stack([latitude, longitude], -1), axis=0, return_inverse=True)
-    grid = np.array([to_grid(float(lat), float(lon), origin) for lat, lon in pairs])
-    east, north = grid[row.ravel()].T
-    return east, north, origin
+    return *places_on_grid(latitude, longitude, origin), origin
 
 
 def _places_by_file(series: Series, table: Table, known: Mapping[str, Sensor]) -> Place:
@@ -325,12 +321,8 @@ def _places_by_file(series: Series, table: Table, known: Mapping[str, Sensor]) -
         elif np.ptp(way[0]) == 0.0 and np.ptp(way[1]) == 0.0 and not way[0].any():
             east[rows], north[rows] = to_grid(*own, first)
         else:
-            latitude, longitude = to_latitude_longitude(*way, own)
-            grid = [
-                to_grid(float(lat), float(lon), first)
-                for lat, lon in zip(latitude, longitude, strict=True)
-            ]
-            east[rows], north[rows] = np.array(grid).T
+            place = to_latitude_longitude(*way, own)
+            east[rows], north[rows] = places_on_grid(*place, first)
     return east, north, first
 
 

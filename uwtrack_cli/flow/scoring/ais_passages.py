@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import Origin, to_grid
+from uwtrack_cli.acoustics.geodesy import Origin, places_on_grid
 from uwtrack_cli.constants import SOURCE_DEPTH_M
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.sensor import Sensor
@@ -115,13 +115,8 @@ def _approaches(
         return
     columns = ("time_s", "first", "second", "speed_mps", "course_deg")
     part = replace(track, **{name: getattr(track, name)[near] for name in columns})
-    places = [
-        to_grid(float(lat), float(lon), origin)
-        for lat, lon in zip(part.first, part.second, strict=True)
-    ]
-    east, north = np.array(places).T
     time_s = np.arange(span_s[0], span_s[1] + STEP_S, STEP_S)
-    x, y = interpolate_track(part, east, north, time_s)
+    x, y = interpolate_track(part, *places_on_grid(part.first, part.second, origin), time_s)
     distance = np.hypot(x, y)
     middle = distance[1:-1]
     for dip in np.flatnonzero((middle < distance[:-2]) & (middle <= distance[2:])) + 1:

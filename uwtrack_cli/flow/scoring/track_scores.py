@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import Origin, to_grid, to_latitude_longitude
+from uwtrack_cli.acoustics.geodesy import Origin, places_on_grid, to_latitude_longitude
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Fixes
@@ -155,8 +155,7 @@ def _on_grid(track: VesselTrack, truth: Truth, fixes: Fixes) -> tuple[FloatArray
         if truth.origin == (latitude, longitude):
             return first, second
         first, second = to_latitude_longitude(first, second, Origin(*truth.origin))
-    places = [to_grid(float(a), float(b), there) for a, b in zip(first, second, strict=True)]
-    return np.array([p[0] for p in places]), np.array([p[1] for p in places])
+    return places_on_grid(first, second, there)
 
 
 def _true_positions(
