@@ -5,6 +5,9 @@ command line turns the two branches into exit codes: data errors end with 1 and
 usage errors with 2.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class UwtrackError(Exception):
     """Base of everything that uwtrack raises on purpose."""
@@ -32,3 +35,21 @@ class UwtrackWarning(UserWarning):
 
 class UwtrackNote(UwtrackWarning):
     """Something does not follow from the input; the result says so in its place."""
+
+
+@contextmanager
+def needing(what: str, extra: str, kind: type[UwtrackError] = DataError) -> Iterator[None]:
+    """Say how a library that is asked for within is installed.
+
+    ``what``: who needs which library. ``extra``: the extra of the package that has it.
+
+    Raises
+    ------
+    UwtrackError
+        It is not installed: ``kind``.
+    """
+    try:
+        yield
+    except ImportError as error:
+        msg = f"{what} ({error}); pip install 'uwtrack[{extra}]'."
+        raise kind(msg) from error

@@ -20,7 +20,7 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.spectra import MODULATION, Overview
 from uwtrack_cli.data.truth import VesselTrack
-from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.errors import DataError, OptionError, needing
 
 if TYPE_CHECKING:
     from uwtrack_cli.files.hdf5.product import Product
@@ -123,13 +123,10 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
     dpi
         Dots per inch; by default 110, in a PDF 220.
     """
-    try:
+    with needing("plots need matplotlib", "plot"):
         from uwtrack_cli.plotting.page import check_picture, choose_pages, pages_of, write_pages
         from uwtrack_cli.plotting.style import WIDE_IN
         from uwtrack_cli.plotting.view import View
-    except ImportError as error:
-        msg = f"plots need matplotlib ({error}); pip install 'uwtrack[plot]'."
-        raise DataError(msg) from error
     is_sound = _is_sound(files)
     _refuse_foreign(context, files[0], is_sound=is_sound)
     refuse_without_ais(context, ais)
@@ -367,11 +364,8 @@ def report(  # noqa: PLR0913 (one parameter for each option)
     """
     from uwtrack_cli.files.atomic import check_target, write_text
 
-    try:
+    with needing("reports need matplotlib and jinja2", "plot"):
         from uwtrack_cli.plotting.report import Report, report_html
-    except ImportError as error:
-        msg = f"reports need matplotlib and jinja2 ({error}); pip install 'uwtrack[plot]'."
-        raise DataError(msg) from error
     refuse_without_ais(context, ais)
     if speed_up is not None and not sound:
         msg = "--speed-up is how fast the sound is played: give it with --sound."

@@ -27,7 +27,7 @@ from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import Recording
-from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.errors import OptionError, needing
 from uwtrack_cli.files.checks import STANDARD_INPUT
 
 if TYPE_CHECKING:
@@ -331,10 +331,7 @@ def _graph(recipe: "Recipe", output: Path | None, *, overwrite: bool) -> None:
     if output is None:
         put(joined.lines())
         return
-    try:
+    with needing("plots need matplotlib", "plot"):
         from uwtrack_cli.plotting.recipe_graph import draw_recipe_graph
-    except ImportError as error:
-        msg = f"plots need matplotlib ({error}); pip install 'uwtrack[plot]'."
-        raise DataError(msg) from error
     draw_recipe_graph(joined.edges(), recipe.name, output, overwrite=overwrite)
     say(f"wrote {output}")

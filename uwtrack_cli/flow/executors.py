@@ -36,7 +36,7 @@ from multiprocessing.process import BaseProcess
 from types import FrameType
 from typing import Any, NoReturn
 
-from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.errors import DataError, OptionError, needing
 from uwtrack_cli.flow.batch import FAILED, Job, Outcome, finished, looked_over, run_job
 from uwtrack_cli.flow.engine import Progress
 
@@ -100,11 +100,8 @@ def _is_refused(job: Job) -> bool:
 
 
 def _on_cluster(jobs: Mapping[int, Job], address: str) -> Iterator[tuple[int, Outcome]]:
-    try:
+    with needing("--scheduler needs Dask", "cluster", OptionError):
         from distributed import Client
-    except ImportError as error:
-        msg = f"--scheduler needs Dask ({error}); pip install 'uwtrack[cluster]'."
-        raise OptionError(msg) from error
     try:
         client: Any = Client(  # type: ignore[no-untyped-call]
             address, timeout=CONNECT_S, set_as_default=False

@@ -30,7 +30,7 @@ import numpy as np
 from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
 from uwtrack_cli.data.base import Cells, FloatArray, IntArray, TextArray
 from uwtrack_cli.data.truth import Truth, VesselTrack
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, needing
 from uwtrack_cli.files.checks import check_readable
 from uwtrack_cli.files.input_ledger import as_input
 from uwtrack_cli.files.tables.csv_table import Table, read_table, table_times
@@ -136,12 +136,9 @@ def read_sentences(path: Path) -> AisMessages:
 
 def _reports(path: Path) -> Iterator[tuple[Any, int | None]]:
     """Yield the decoded messages of a log, and when they were received, ns."""
-    try:
+    with needing("AIS sentences need pyais", "ais"):
         from pyais.exceptions import AISBaseException
         from pyais.stream import IterMessages
-    except ImportError as error:
-        msg = f"AIS sentences need pyais ({error}); pip install 'uwtrack[ais]'."
-        raise DataError(msg) from error
     if path.stat().st_size > MAX_BYTES:
         msg = f"{path} is larger than {MAX_BYTES >> 20} MB; split it."
         raise DataError(msg)

@@ -14,7 +14,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Literal, get_args, get_type_hints
 
-from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.errors import OptionError, needing
 from uwtrack_cli.files.text_escaping import csv_line
 from uwtrack_cli.flow.exports.geojson import collection_text
 from uwtrack_cli.flow.passages import PassageLevel, PassageRow, PassageTable
@@ -149,11 +149,8 @@ def load_duckdb() -> Any:
     DataError
         It is not installed.
     """
-    try:
+    with needing("Parquet and SQL need DuckDB", "catalogue"):
         import duckdb
-    except ImportError as error:
-        msg = f"Parquet and SQL need DuckDB ({error}); pip install 'uwtrack[catalogue]'."
-        raise DataError(msg) from error
     return duckdb
 
 
