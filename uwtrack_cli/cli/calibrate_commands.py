@@ -62,8 +62,8 @@ def calibrate(
         New sensor file; pass.calibrated.sensor.toml unless given.
     """
     from uwtrack_cli.files.atomic import check_target, write_text
+    from uwtrack_cli.files.tables.sensors import sensor_text
     from uwtrack_cli.flow.calibration import calibrate_sensor
-    from uwtrack_cli.flow.sample_recordings import sensor_text
     from uwtrack_cli.flow.scoring.score_product import read_any_truth
 
     target = source.with_name(source.stem + BESIDE) if output is None else output

@@ -22,6 +22,7 @@ from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.atomic import check_target, write_text
 from uwtrack_cli.files.audio.recording_file import write_wav
+from uwtrack_cli.files.tables.sensors import sensor_text
 from uwtrack_cli.files.tables.toml_tables import read_toml
 from uwtrack_cli.simulate.recordings import simulate_recordings
 from uwtrack_cli.simulate.scenario import Scenario, make_scenario
@@ -112,60 +113,6 @@ def remake_samples(directory: Path, into: Path | None = None) -> tuple[Path, ...
             overwrite=True,
         )
     )
-
-
-def sensor_text(sensor: Sensor, navigation_name: str = "") -> str:
-    """Return a sensor file: the facts of a sensor as TOML."""
-
-    def pair(text: str | None) -> list[float] | None:
-        return None if text is None else [float(part) for part in text.split(",")]
-
-    channels = sensor.channel_names
-    if sensor.is_multiplexed:  # what its file holds
-        channels = ("multiplex",)
-    facts: dict[str, object] = {
-        "id": sensor.id,
-        "kind": sensor.kind,
-        "channels": list(channels),
-        "multiplex": sensor.multiplex and sensor.multiplex.split(","),
-        "response_db": sensor.response
-        and [pair(p.replace(":", ",")) for p in sensor.response.split(",")],
-        "latitude": sensor.latitude,
-        "longitude": sensor.longitude,
-        "east_m": sensor.east_m,
-        "north_m": sensor.north_m,
-        "position_std_m": sensor.position_std_m,
-        "depth_m": sensor.depth_m,
-        "depth_std_m": sensor.depth_std_m,
-        "heading_deg": sensor.heading_deg
-        if "x" in sensor.channel_names or sensor.heading_source == "fixed"
-        else None,
-        "dipole_gains": pair(sensor.dipole_gains),
-        "dipole_crosstalk": sensor.dipole_crosstalk or None,
-        "omni_crosstalk": pair(sensor.omni_crosstalk),
-        "element_along_m": None
-        if sensor.element_along_m is None
-        else sensor.element_places_m.tolist(),
-        "element_positions_m": None
-        if sensor.element_positions_m is None
-        else sensor.element_xyz_m.tolist(),
-        "tow_offset_m": sensor.tow_offset_m,
-        "heading_source": None if sensor.heading_source == "fixed" else sensor.heading_source,
-        "sound_speed_mps": sensor.sound_speed_mps,
-        "sound_speed_std_mps": sensor.sound_speed_std_mps,
-        "compass_offset_deg": sensor.compass_offset_deg,
-        "compass_std_deg": sensor.compass_std_deg,
-        "clock_offset_s": sensor.clock_offset_s,
-        "clock_std_s": sensor.clock_std_s,
-        "clock_error_ppm": sensor.clock_error_ppm,
-        "navigation": navigation_name or None,
-        "sensitivity_db_re_v_per_upa": sensor.sensitivity_db_re_v_per_upa,
-        "gain_db": sensor.gain_db,
-        "adc_peak_v": sensor.adc_peak_v,
-        "full_scale_db": sensor.full_scale_db,
-    }
-    lines = [f"{key} = {json.dumps(value)}" for key, value in facts.items() if value is not None]
-    return "\n".join(lines) + "\n"
 
 
 def _truth_name(sound: Path) -> Path:

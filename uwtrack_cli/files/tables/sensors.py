@@ -11,6 +11,7 @@ Recorders saturate between 60 and 240 dB re 1 uPa; a value outside betrays a wro
 or unit, and the term farthest from what is sold is named.
 """
 
+import json
 import math
 from dataclasses import dataclass, field, fields
 from fnmatch import fnmatchcase
@@ -51,6 +52,18 @@ APERTURES_M = (0.01, 2000.0)
 
 STRAIGHT_SHARE = 1e-3
 """An array narrower than this share of its length is a line."""
+
+LISTS: dict[str, tuple[str, type]] = {
+    "channels": (",", str),
+    "multiplex": (",", str),
+    "response_db": (",:", float),
+    "dipole_gains": (",", float),
+    "omni_crosstalk": (",", float),
+    "element_along_m": (",", float),
+    "element_positions_m": (";,", float),
+}
+"""Keys with lists, which a sensor holds as texts: what stands between the elements, the
+outer ones first, and what they are."""
 
 TOW_KEYS = {
     "tow_offset_m": (
@@ -109,6 +122,12 @@ class SensorTable:
     and dipoles are multiplexed, or many hydrophones."""
     channels: list[str] | None = None
     """Names of the channels in the order of the file; "-" leaves one out."""
+    multiplex: tuple[DipoleName, DipoleName] | None = None
+    """Dipole in phase with the 15 kHz pilot, and the one a quarter of a period ahead of
+    it; "-" inverts one. "-east" and "north" if not given."""
+    response_db: list[tuple[Frequency, Decibel]] | None = None
+    """Frequencies in Hz and the response of the buoy there in dB, which is equalised;
+    flat if not given. Constant before the first and after the last."""
     latitude: Annotated[float, Unit("degree"), AtLeast(-90), AtMost(90)] | None = None
     """Latitude, north positive."""
     longitude: Annotated[float, Unit("degree"), AtLeast(-180), AtMost(180)] | None = None
@@ -125,31 +144,6 @@ class SensorTable:
     """Standard deviation of the depth."""
     heading_deg: Degrees | None = None
     """Compass heading of axes that turn with the housing, or of a fixed array."""
-    sound_speed_mps: SoundSpeed | None = None
-    """Sound speed at the sensor."""
-    sound_speed_std_mps: Annotated[float, Unit("m/s"), AtLeast(0), AtMost(1e8)] | None = None
-    """Standard deviation of the sound speed."""
-    compass_offset_deg: Degrees | None = None
-    """Added once to every bearing."""
-    compass_std_deg: Annotated[float, Unit("degree"), AtLeast(0), AtMost(180)] | None = None
-    """Standard deviation of the compass."""
-    declination_deg: Literal["place"] | Degrees | None = None
-    """Declination at a sensor whose compass shows magnetic north, east positive: added
-    to the compass offset. "place" takes it from the World Magnetic Model, for the place
-    of the sensor and the start of the recording."""
-    multiplex: tuple[DipoleName, DipoleName] | None = None
-    """Dipole in phase with the 15 kHz pilot, and the one a quarter of a period ahead of
-    it; "-" inverts one. "-east" and "north" if not given."""
-    response_db: list[tuple[Frequency, Decibel]] | None = None
-    """Frequencies in Hz and the response of the buoy there in dB, which is equalised;
-    flat if not given. Constant before the first and after the last."""
-    clock_offset_s: Annotated[float, Unit("s"), AtLeast(-1e9), AtMost(1e9)] | None = None
-    """Added once to every time."""
-    clock_std_s: Annotated[float, Unit("s"), AtLeast(0), AtMost(1e6)] | None = None
-    """Standard deviation of the clock."""
-    clock_error_ppm: Annotated[float, AtLeast(-1e5), AtMost(1e5)] | None = None
-    """By how much the recorder's clock makes frequencies too high, 1e-6: its sample rate
-    is taken to be lower by that."""
     dipole_gains: tuple[Gain, Gain] | None = None
     """Output of the first and of the second dipole for sound along its axis, over that
     of the omni channel; 1 and 1 if not given. `uwtrack calibrate` measures it."""
@@ -165,6 +159,25 @@ class SensorTable:
     """Distance along the track from the place that the navigation gives back to the array's middle."""
     heading_source: Literal["track", "way", "compass"] | None = None
     """Heading of an array: along the ship's track (once "way"), or the navigation's heading_deg."""
+    sound_speed_mps: SoundSpeed | None = None
+    """Sound speed at the sensor."""
+    sound_speed_std_mps: Annotated[float, Unit("m/s"), AtLeast(0), AtMost(1e8)] | None = None
+    """Standard deviation of the sound speed."""
+    compass_offset_deg: Degrees | None = None
+    """Added once to every bearing."""
+    compass_std_deg: Annotated[float, Unit("degree"), AtLeast(0), AtMost(180)] | None = None
+    """Standard deviation of the compass."""
+    declination_deg: Literal["place"] | Degrees | None = None
+    """Declination at a sensor whose compass shows magnetic north, east positive: added
+    to the compass offset. "place" takes it from the World Magnetic Model, for the place
+    of the sensor and the start of the recording."""
+    clock_offset_s: Annotated[float, Unit("s"), AtLeast(-1e9), AtMost(1e9)] | None = None
+    """Added once to every time."""
+    clock_std_s: Annotated[float, Unit("s"), AtLeast(0), AtMost(1e6)] | None = None
+    """Standard deviation of the clock."""
+    clock_error_ppm: Annotated[float, AtLeast(-1e5), AtMost(1e5)] | None = None
+    """By how much the recorder's clock makes frequencies too high, 1e-6: its sample rate
+    is taken to be lower by that."""
     navigation: str | None = None
     """File with positions and headings over time, relative to this one."""
     navigation_position_std_m: Annotated[float, Unit("m"), AtLeast(0), AtMost(1e6)] | None = None
@@ -357,21 +370,13 @@ class SensorTable:
     def sensor(self, folder: Path) -> Sensor:
         """Return the sensor; files that it names lie relative to a folder."""
         facts = {f.name: getattr(self, f.name) for f in fields(SensorTable)}
-        facts["channels"] = ",".join(self.channel_names)
+        facts["channels"] = self.channel_names
         facts |= self._north(facts.pop("declination_deg"))
         if self.kind == "difar-multiplexed":
-            facts["multiplex"] = ",".join(self.multiplex or DIPOLES)
-        response = [f"{f!r}:{db!r}" for f, db in facts.pop("response_db") or []]
-        facts["response"] = ",".join(response) or None
-        for key in ("dipole_gains", "omni_crosstalk"):
-            if facts[key] is not None:
-                facts[key] = ",".join(map(repr, facts[key]))
-        if self.element_along_m is not None:
-            facts["element_along_m"] = ",".join(map(repr, self.element_along_m))
-        if self.element_positions_m is not None:
-            facts["element_positions_m"] = ";".join(
-                ",".join(map(repr, place)) for place in self.element_positions_m
-            )
+            facts["multiplex"] = self.multiplex or DIPOLES
+        for key, (signs, _) in LISTS.items():
+            facts[key] = None if facts[key] is None else _as_text(facts[key], signs)
+        facts["response"] = facts.pop("response_db") or None
         if self.kind == "array" and self.heading_deg is not None:
             facts["heading_source"] = "fixed"
         if self.navigation is not None:
@@ -387,6 +392,36 @@ class SensorTable:
             return {"compass_offset_deg": offset_deg}
         untold = self.kind == "difar-multiplexed" and self.compass_offset_deg is None
         return {"north": "compass" if untold else None}
+
+
+def _as_text(value: Any, signs: str) -> str:
+    """Return a list as a text with a sign between its elements, one for each depth."""
+    if not signs:
+        return value if isinstance(value, str) else repr(value)
+    return signs[0].join(_as_text(one, signs[1:]) for one in value)
+
+
+def _as_list(text: str, signs: str, kind: type) -> Any:
+    """Return the list of a text that `_as_text` made."""
+    if not signs:
+        return kind(text)
+    return [_as_list(part, signs[1:], kind) for part in text.split(signs[0])]
+
+
+def sensor_text(sensor: Sensor, navigation_name: str = "") -> str:
+    """Return a sensor file: the facts of a sensor as TOML."""
+    facts = {f.name: getattr(sensor, f.name, None) for f in fields(SensorTable)}
+    facts |= {"response_db": sensor.response, "navigation": navigation_name or None}
+    if sensor.is_multiplexed:  # what its file holds
+        facts["channels"] = "multiplex"
+    if sensor.heading_source == "fixed":
+        facts["heading_source"] = None
+    elif "x" not in sensor.channel_names:
+        facts["heading_deg"] = None
+    facts["dipole_crosstalk"] = sensor.dipole_crosstalk or None
+    known = {key: value for key, value in facts.items() if value is not None}
+    known |= {key: _as_list(known[key], *how) for key, how in LISTS.items() if key in known}
+    return "".join(f"{key} = {json.dumps(value)}\n" for key, value in known.items())
 
 
 @dataclass(frozen=True, kw_only=True)
