@@ -5,6 +5,7 @@ command line turns the two branches into exit codes: data errors end with 1 and
 usage errors with 2.
 """
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -35,6 +36,16 @@ class UwtrackWarning(UserWarning):
 
 class UwtrackNote(UwtrackWarning):
     """Something does not follow from the input; the result says so in its place."""
+
+
+def warn(text: str) -> None:
+    """Warn the caller of a function of something that it repaired or assumed."""
+    warnings.warn(text, UwtrackWarning, stacklevel=3)
+
+
+def note(text: str) -> None:
+    """Tell the caller of a function what does not follow; the result has it, too."""
+    warnings.warn(text, UwtrackNote, stacklevel=3)
 
 
 @contextmanager

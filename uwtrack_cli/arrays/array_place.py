@@ -9,7 +9,6 @@ row and after its last one the ship goes straight on.
 """
 
 from dataclasses import dataclass
-from warnings import warn
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Navigation, Sensor
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.estimation.angles import compass_deg, interpolate_deg, wrap_deg
 
 SPEED_SPAN_S = 5.0
@@ -103,11 +102,10 @@ def _check_cover(recording: Recording, navigation: Navigation) -> None:
     if last < end_s:
         missing.append(f"ends at {last:.6g} s, before the end of")
     for what in missing:
-        msg = (
+        warn(
             f"the navigation {what} {recording.name}; its course and speed are held "
             f"beyond, and bearings there rest on that."
         )
-        warn(msg, UwtrackWarning, stacklevel=3)
 
 
 def place_of_array(sensor: Sensor, frames: Frames) -> ArrayPlace:

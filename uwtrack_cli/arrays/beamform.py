@@ -21,7 +21,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any, Literal
-from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +49,7 @@ from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked,
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import FULL_SCALE, MICROPASCAL
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, warn
 from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.spectra.frame_transform import FrameTransform
@@ -300,12 +299,11 @@ def _band(
     if isinstance(array, LineArray):
         clear_hz = CLEAR_SHARE * array.design_frequency_hz
     if isinstance(array, LineArray) and above_design == "drop" and high > clear_hz:
-        msg = (
+        warn(
             f"hydrophones {array.spacing_m:g} m apart tell directions up to their "
             f"design frequency of {array.design_frequency_hz:.0f} Hz: the band ends at "
             f"{clear_hz:.0f} Hz (--above-design mark keeps what is above)."
         )
-        warn(msg, UwtrackWarning, stacklevel=3)
         high = clear_hz
     inside = np.flatnonzero((cells[1:-1] >= low) & (cells[1:-1] <= high)) + 1
     if isinstance(array, SpatialArray):
@@ -321,12 +319,11 @@ def _band(
             raise OptionError(msg)
         inside = inside[(beams <= MOST_BEAMS) & (values <= MOST_VALUES)]
         if 0 < inside.size < beams.size:
-            msg = (
+            warn(
                 f"with {array.aperture_m:.4g} m between hydrophones, all directions "
                 f"take {beams[-1]:.0f} beams at {high:.4g} Hz, more than time and memory "
                 f"allow: the band ends at {cells[inside[-1]]:.4g} Hz."
             )
-            warn(msg, UwtrackWarning, stacklevel=3)
     if inside.size < 8:
         msg = (
             f"the band from {low:.6g} to {high:.6g} Hz holds {inside.size} cells; at "
@@ -568,14 +565,13 @@ class _SpatialFormer(_BeamFormer):
             if below_db < SAME_DB
             else f"a lobe reaches within {below_db:.1f} dB of the main one"
         )
-        msg = (
+        warn(
             f"hydrophones {self.array.closest_m:.4g} m apart and more are sparse for "
             f"this band: lines from {first_hz:.4g} Hz on may be given a wrong direction "
             f"(at {at_hz:.4g} Hz {height}). Such peaks are marked (is_aliased); other "
             f"directions that explain the broadband sound of a frame are listed as its "
             f"lobes."
         )
-        warn(msg, UwtrackWarning, stacklevel=4)
 
     def _directions(
         self, spectra: NDArray[np.complex64], alive: BoolArray, frames: Frames

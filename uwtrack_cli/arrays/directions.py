@@ -16,7 +16,6 @@ squares of slowness from delays, and its uncertainty.
 from collections.abc import Sequence
 from itertools import permutations
 from typing import NamedTuple
-from warnings import warn
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from uwtrack_cli.data.directions import Delays, Directions
 from uwtrack_cli.data.options import checked
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import FULL_SCALE
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.errors import DataError, warn
 
 BEYOND = 1.05
 """Largest delay as a share of the one along the pair; an error of place or speed."""
@@ -234,17 +233,15 @@ def _tell_too_few(array: SpatialArray, delays: Delays, n_frames: int) -> None:
     """Say that no frame has delays of pairs enough."""
     needed = len(array.measured_axes)
     if not n_frames:
-        msg = "there are no delays: no frame has a direction."
-        warn(msg, UwtrackWarning, stacklevel=3)
+        warn("there are no delays: no frame has a direction.")
         return
     shape = ("", " that do not lie in one line", " that do not lie in one plane")
-    msg = (
+    warn(
         f"none of {n_frames} frames has a direction: each needs delays of {needed} "
         f"pair{'s' * (needed > 1)}{shape[needed - 1]}, and "
         f"{delays.time_s.size} delays are there. Is a hydrophone dead or inverted, or the "
         f"sound too weak? 'uwtrack beamform' detects weaker sound."
     )
-    warn(msg, UwtrackWarning, stacklevel=3)
 
 
 def _tell_inconsistent(
@@ -275,9 +272,8 @@ def _tell_inconsistent(
                 f" They would agree if the positions belonged to the channels "
                 f"{', '.join(best)}, in this order: is the order of the channels right?"
             )
-    msg = (
+    warn(
         f"the delays of {int(tried.sum() - sound.sum())} of {int(tried.sum())} frames "
         f"contradict the positions of sensor {sensor.id!r} or the sound speed, and have "
         f"no direction (noise, several sources and echoes do that, too).{hint}"
     )
-    warn(msg, UwtrackWarning, stacklevel=3)

@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from warnings import warn
 
 from uwtrack_cli.cli.command_factory import documented, flag_of
 from uwtrack_cli.cli.console import put, say, say_wrote, signals_end
@@ -20,7 +19,7 @@ from uwtrack_cli.cli.targets import PIPE, WANTED_TWICE, product_name, refuse_no_
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.recording import LiveSource, Recording
 from uwtrack_cli.data.renamed import with_old_keys
-from uwtrack_cli.errors import OptionError, UwtrackWarning
+from uwtrack_cli.errors import OptionError, warn
 from uwtrack_cli.files.checks import is_pipe
 from uwtrack_cli.files.text_escaping import shell_word
 
@@ -188,7 +187,7 @@ def say_disturbances(reader: LiveSource, recording: Recording) -> None:
             found.setdefault(gap.kind, []).append(text)
     for first, *others in found.values():
         more = f", and {len(others)} times more" if others else ""
-        warn(f"{recording.name}: {first}{more}.", UwtrackWarning, stacklevel=3)
+        warn(f"{recording.name}: {first}{more}.")
 
 
 def put_event(event: Mapping[str, Any]) -> None:
@@ -203,6 +202,5 @@ def put_event(event: Mapping[str, Any]) -> None:
     except OSError as error:
         if not isinstance(error, BrokenPipeError):
             reason = error.strerror or error
-            msg = f"events are no longer printed ({reason}); the file is written."
-            warn(msg, UwtrackWarning, stacklevel=2)
+            warn(f"events are no longer printed ({reason}); the file is written.")
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -14,13 +14,12 @@ all their digests, and of its own span if it is a part.
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from warnings import warn
 
 import numpy as np
 
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.recording import Lock, Reader, RecordedFiles, Recording, Samples, read_segment
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.audio.reader import AudioReader
 from uwtrack_cli.flow.recorder_folder import SLACK_S
 from uwtrack_cli.flow.sonobuoy import DifarReader, NoPilotsError
@@ -83,8 +82,7 @@ class JoinedReader:
             if count == n_samples and not has_no_sound:
                 raise  # it has changed: what was read is not what it is
             part = "file" if has_no_sound else "rest of the file"
-            msg = f"{error} The {part} is a gap."
-            warn(msg, UwtrackWarning, stacklevel=2)
+            warn(f"{error} The {part} is a gap.")
         for begin in range(count, n_samples, block_samples):
             rest = min(block_samples, n_samples - begin)
             yield np.full((rest, self.n_channels), np.nan, np.float32)

@@ -15,7 +15,6 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 from typing import Any, Self
-from warnings import warn
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.bearing_time import BearingTime
@@ -25,7 +24,7 @@ from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.spectra import Spectrogram
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, warn
 from uwtrack_cli.flow.catalogue import STAGES, find_stage
 from uwtrack_cli.flow.stage import Input, Stage
 from uwtrack_cli.flow.step import Step
@@ -152,11 +151,10 @@ class Graph:
         highest_hz = 0.5 * recording.sample_rate_hz
         slower = self._slowness(highest_hz)
         if slower > 1.0:
-            msg = (
+            warn(
                 f"{recording.name} reaches {highest_hz:g} Hz: the recipe's windows are "
                 f"taken {slower:g} times as long, and its bands as much lower."
             )
-            warn(msg, UwtrackWarning, stacklevel=2)
         nodes = []
         for node in self.nodes:
             own = _slowed(node.step, slower, highest_hz)

@@ -13,13 +13,12 @@ scenario, ``[[sensor]]``, ``[[vessel]]`` with ``[vessel.closest_approach]`` or
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from warnings import warn
 
 import numpy as np
 
 from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Navigation, Sensor
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.atomic import check_target, write_text
 from uwtrack_cli.files.audio.recording_file import write_wav
 from uwtrack_cli.files.tables.sensors import sensor_text
@@ -129,11 +128,10 @@ def _metered(recording: Recording, name: str, subtype: str) -> Iterator[Samples]
         clipped += int(np.count_nonzero(size > 1.0))
         yield block
     if clipped and "PCM" in subtype:
-        msg = (
+        warn(
             f"{name}: {clipped} samples exceed full scale and are clipped; raise "
             f"full_scale_db (or lower gain_db) by {20.0 * np.log10(peak):.1f} dB."
         )
-        warn(msg, UwtrackWarning, stacklevel=2)
 
 
 def write_sensor(sound: Path, sensor: Sensor, *, overwrite: bool) -> list[Path]:

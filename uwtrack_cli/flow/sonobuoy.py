@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
-from warnings import warn
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from uwtrack_cli.data.recording import (
     read_segment,
 )
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, warn
 from uwtrack_cli.files.audio.dropouts import spans_in_words
 from uwtrack_cli.files.audio.live_reader import (
     Disturbance,
@@ -219,25 +218,23 @@ class DifarReader:
             raise NoPilotsError(_why_no_lock(self.name, lock))
         high_ppm = float(np.nanmedian(lock.clock_error_ppm)) - self.told_ppm
         if abs(high_ppm) > CRYSTALS_PPM:
-            msg = (
+            warn(
                 f"{self.name}: its pilots are {high_ppm:.0f}e-6 off 7.5 and 15 kHz, more "
                 f"than crystals are: the recorder was, and so are all frequencies; "
                 f"clock_error_ppm = {high_ppm + self.told_ppm:.0f} in its sensor file "
                 f"takes it off."
             )
-            warn(msg, UwtrackWarning, stacklevel=2)
         if isinstance(self.audio, LiveSource):  # its gaps are told as events
             return
         gaps = [(g.start_sample, g.start_sample + g.n_samples) for g in self._gaps]
         self._gaps = []
         if gaps:
             lost_s = sum(stop - start for start, stop in gaps) / RATE_HZ
-            msg = (
+            warn(
                 f"{self.name}: lock on the pilots is lost from "
                 f"{spans_in_words(gaps, RATE_HZ)}; these {lost_s:.1f} s are treated as "
                 f"gaps."
             )
-            warn(msg, UwtrackWarning, stacklevel=2)
 
 
 def _why_no_lock(name: str, lock: Lock) -> str:

@@ -10,14 +10,13 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
-from warnings import warn
 
 from uwtrack_cli.acoustics.geodesy import magnetic_declination_deg
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.options import convert
 from uwtrack_cli.data.recording import UNENDED, Recording
 from uwtrack_cli.data.sensor import Sensor, SoundSpeed
-from uwtrack_cli.errors import DataError, UwtrackNote, UwtrackWarning
+from uwtrack_cli.errors import DataError, note, warn
 from uwtrack_cli.files.audio.live_recording import NOW, RawSound, live_span, open_live_recording
 from uwtrack_cli.files.audio.recording_file import open_recording, span_in
 from uwtrack_cli.files.audio.start_time import find_start_utc_ns
@@ -153,8 +152,7 @@ def _with_own_ship(sensor: Sensor, path: Path) -> Sensor:
         )
         raise DataError(msg)
     if sensor.navigation is not None:
-        msg = f"{path} is taken instead of the navigation of sensor {sensor.id!r}."
-        warn(msg, UwtrackWarning, stacklevel=4)
+        warn(f"{path} is taken instead of the navigation of sensor {sensor.id!r}.")
     return replace(sensor, navigation=read_navigation(path))
 
 
@@ -169,11 +167,10 @@ def from_true_north(sensor: Sensor, start_utc_ns: int | None) -> Sensor:
         Place or time is not known, or there is no model for them.
     """
     if sensor.north == "compass":
-        msg = (
+        warn(
             f"bearings of sensor {sensor.id!r} are from the north of its compass: give "
             f'declination_deg in its sensor file, in degrees or as "place".'
         )
-        warn(msg, UwtrackWarning, stacklevel=4)
     if sensor.north != "place":
         return sensor
     latitude, longitude = sensor.latitude, sensor.longitude
@@ -202,11 +199,10 @@ def from_true_north(sensor: Sensor, start_utc_ns: int | None) -> Sensor:
     except ValueError as error:
         msg = f"{error}; give declination_deg in degrees."
         raise DataError(msg) from error
-    msg = (
+    note(
         f"sensor {sensor.id!r} is given a declination of {declination_deg:.2f} degrees, "
         f"of the World Magnetic Model."
     )
-    warn(msg, UwtrackNote, stacklevel=4)
     offset_deg = sensor.compass_offset_deg + declination_deg
     return replace(sensor, compass_offset_deg=offset_deg, north=None)
 

@@ -9,7 +9,6 @@ probability that it was that vessel rather than another one, listed or not.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from warnings import warn
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.truth import Truth, VesselTrack
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.hdf5.product import Source, source_of
 from uwtrack_cli.files.tables.ais import read_ais
 from uwtrack_cli.files.utc import format_utc
@@ -64,8 +63,7 @@ class AisVessels:
         shift_s = RecordedSensors([sensor], [recording]).shift_s(sensor.id, self.truth)
         first_s, last_s = (second + shift_s for second in self.span_s)
         if first_s > recording.duration_s or last_s < 0.0:
-            msg = f"no vessel gets a name: {self.said_span()}."
-            warn(msg, UwtrackWarning, stacklevel=2)
+            warn(f"no vessel gets a name: {self.said_span()}.")
 
     @property
     def span_s(self) -> tuple[float, float]:

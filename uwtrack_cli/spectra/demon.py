@@ -18,7 +18,6 @@ Sutin, Sedunov & Bruno, "DEMON acoustic ship signature measurements in an urban 
 Advances in Acoustics and Vibration (2011).
 """
 
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -30,7 +29,7 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked, resolved_by
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import MODULATION, Spectrogram
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, warn
 from uwtrack_cli.estimation.decimation import PASS_SHARE, decimated_blocks
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.estimation.window import hann
@@ -306,8 +305,7 @@ def _no_frames(
             f"lasts {recording.duration_s:g} s, and rates of shafts and blades need "
             f"{2.0 * LEAST_WINDOW_S:g} s or more"
         )
-    msg = f"{recording.name} {cause}: there is no spectrum of its envelope."
-    warnings.warn(msg, UwtrackWarning, stacklevel=3)
+    warn(f"{recording.name} {cause}: there is no spectrum of its envelope.")
     length = round(USUAL_WINDOW_S * recording.sample_rate_hz)
     cell_hz = 1.0 / (USUAL_WINDOW_S * zero_padding)
     frequency = np.arange(rate_hz[0], rate_hz[1], cell_hz)

@@ -12,7 +12,6 @@ conjugate of the dipole channels, turned to east and north.
 
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
-from warnings import warn
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Rungs, Unit, c
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import FULL_SCALE, MICROPASCAL, Spectrogram
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, warn
 from uwtrack_cli.estimation.decimation import PASS_SHARE, decimated_blocks, usual_decimation
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.spectra.dipoles import directional_channels, true_components
@@ -114,11 +113,10 @@ def compute_spectrogram(
         recording, used["window_s"], overlap, zero_padding, band_hz, used["decimation"]
     )
     if recording.sensor.element_along_m is not None:
-        msg = (
+        warn(
             f"the spectrogram is that of hydrophone {recording.sensor.channel_names[0]} "
             f"of array {recording.sensor.id!r} alone; 'uwtrack beamform' uses all."
         )
-        warn(msg, UwtrackWarning, stacklevel=3)
     return _blocks(recording, layout)
 
 

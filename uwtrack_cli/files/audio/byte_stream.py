@@ -20,9 +20,8 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
-from warnings import warn
 
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.input_ledger import as_input, standard_input
 
 HELD_BYTES = 1 << 24
@@ -245,11 +244,10 @@ class GrowingFile(ByteStream):
     def _next(self) -> bytes | None:
         if os.fstat(self._file.fileno()).st_size < self._position:
             self._is_shorter = True
-            msg = (
+            warn(
                 f"{self.name} has become shorter while it was followed: what was read "
                 f"before is used."
             )
-            warn(msg, UwtrackWarning, stacklevel=2)
             return b""
         end = None if self._stated_end is None else self._stated_end(self._file)
         room = PIECE_BYTES if end is None else max(0, end - self._position)
@@ -259,11 +257,10 @@ class GrowingFile(ByteStream):
         if piece:
             return piece
         if time.monotonic() - self._last_s >= NAMELESS_S and not self._has_its_name():
-            msg = (
+            warn(
                 f"{self.name} was moved, replaced or removed while it was followed: "
                 f"what was written into it is used."
             )
-            warn(msg, UwtrackWarning, stacklevel=2)
             return b""
         time.sleep(TURN_S)
         return None

@@ -9,13 +9,12 @@ value in all channels are passed on as nan (`dropouts`).
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from warnings import warn
 
 import numpy as np
 import soundfile
 
 from uwtrack_cli.data.recording import Samples
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, warn
 from uwtrack_cli.files.audio.dropouts import Dropouts, segment_without_dropouts, without_dropouts
 from uwtrack_cli.files.audio.opening import open_sound
 
@@ -122,7 +121,7 @@ class AudioReader:
             self.has_warned = True
             said = tally.problems(self.path.name, self.columns)
             for msg in (*said, *dropouts.problems(self.path.name)):
-                warn(msg, UwtrackWarning, stacklevel=2)
+                warn(msg)
 
     def _read_blocks(
         self, file: soundfile.SoundFile, block_samples: int, tally: "Tally"

@@ -11,7 +11,6 @@ from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
-from warnings import warn
 
 import numpy as np
 import soundfile
@@ -20,7 +19,7 @@ from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.errors import DataError, OptionError, OutputError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, OutputError, warn
 from uwtrack_cli.files.atomic import atomic_target
 from uwtrack_cli.files.audio.header import SampleBytes, sample_bytes
 from uwtrack_cli.files.audio.opening import decodable_samples, open_sound, why_no_recording
@@ -138,7 +137,7 @@ def _usable_samples(path: Path, info: Any, *, allow_truncated: bool) -> int:
         if not allow_truncated or not present:
             msg = f"{problem}; give --allow-truncated to take what is there."
             raise DataError(msg)
-        warn(f"{problem}; these are used.", UwtrackWarning, stacklevel=3)
+        warn(f"{problem}; these are used.")
     return int(present)
 
 
@@ -221,11 +220,10 @@ def _one_channel(
 
 def _unnamed(path: Path, n_channels: int = 1) -> Sensor:
     first = f"channel 1 of {n_channels} is read, " if n_channels > 1 else ""
-    msg = (
+    warn(
         f"{path.name} has no sensor file: {first}depth and calibration are unknown "
         f"(uwtrack init-sensor)."
     )
-    warn(msg, UwtrackWarning, stacklevel=4)
     return Sensor(id=UNNAMED)
 
 
@@ -260,8 +258,7 @@ def span_in(
         )
         raise OptionError(msg)
     if round(stop * rate) > n_samples:
-        msg = f"{path.name} ends at {duration_s:.3f} s, before stop_s = {stop}."
-        warn(msg, UwtrackWarning, stacklevel=3)
+        warn(f"{path.name} ends at {duration_s:.3f} s, before stop_s = {stop}.")
     last = min(n_samples, round(min(stop, duration_s) * rate))
     first = min(round(start * rate), last)
     if first == last:

@@ -14,7 +14,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
-from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import Cells, Column, Container, FloatArray, IntArray
 from uwtrack_cli.data.options import shown
-from uwtrack_cli.errors import DataError, UwtrackNote, UwtrackWarning
+from uwtrack_cli.errors import DataError, note, warn
 from uwtrack_cli.files.checks import check_readable
 from uwtrack_cli.files.input_ledger import as_input
 from uwtrack_cli.files.utc import parse_utc
@@ -103,11 +102,10 @@ class Table:
                 )
                 raise DataError(msg)
             are = "row is" if len(damaged) == 1 else "rows are"
-            msg = (
+            note(
                 f"{self.path}: {len(damaged)} damaged {are} left out of {count}; the "
                 f"first is {first}."
             )
-            warn(msg, UwtrackNote, stacklevel=3)
         return np.array(kept, dtype=np.int64)
 
     def rows(self, kept: IntArray) -> "Table":
@@ -194,8 +192,7 @@ class Table:
                 msg = f"{self.path}: unknown column {shown(name)}; did you mean {near[0]!r}?"
                 raise DataError(msg)
         if unused:
-            msg = f"{self.path}: columns not used: {_some(unused)}."
-            warn(msg, UwtrackWarning, stacklevel=3)
+            warn(f"{self.path}: columns not used: {_some(unused)}.")
 
 
 def read_table(path: Path, heading: str = "", *, may_be_damaged: bool = False) -> Table:

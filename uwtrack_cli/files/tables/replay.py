@@ -26,7 +26,6 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import NoReturn
-from warnings import warn
 
 import numpy as np
 
@@ -38,7 +37,7 @@ from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.options import shown
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.errors import DataError, UwtrackNote
+from uwtrack_cli.errors import DataError, note
 from uwtrack_cli.files.checks import check_readable
 from uwtrack_cli.files.input_ledger import as_input
 
@@ -229,7 +228,7 @@ def read_replay(paths: Sequence[Path]) -> Series:
     )
     placed = _placed(series, cuts, tracks)
     if any(np.isfinite(cut.values["range"]) for cut in cuts):
-        warn("the ranges of the cuts are not used.", UwtrackNote, stacklevel=2)
+        note("the ranges of the cuts are not used.")
     return placed
 
 
@@ -339,8 +338,7 @@ def _unrepeated(cuts: list[_Cut]) -> list[_Cut]:
             first = first or cut.where
         seen.setdefault(key, cut)
     if first:
-        msg = f"{len(cuts) - len(seen)} repeated cuts are left out, the first in {first}."
-        warn(msg, UwtrackNote, stacklevel=3)
+        note(f"{len(cuts) - len(seen)} repeated cuts are left out, the first in {first}.")
     return sorted(seen.values(), key=lambda cut: cut.time_ns)
 
 
@@ -383,8 +381,7 @@ def _placed(series: Series, cuts: Sequence[_Cut], tracks: dict[str, _Track]) -> 
         names = list(dict.fromkeys(_sensors(cuts)))
         if series.contact_numbers == "own" and len(names) > 1:
             words = ", ".join(f"{n} is {name}" for n, name in enumerate(names, 1))
-            msg = f"each sensor is a contact of its own: {words}."
-            warn(msg, UwtrackNote, stacklevel=3)
+            note(f"each sensor is a contact of its own: {words}.")
         return series
     names = _sensors(cuts)
     places = np.array([cut.place or _on_track(cut, tracks) for cut in cuts])

@@ -17,13 +17,12 @@ from dataclasses import dataclass, field, fields
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Literal
-from warnings import warn
 
 import numpy as np
 
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, from_table, shown
 from uwtrack_cli.data.sensor import Sensor, SoundSpeed
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, warn
 from uwtrack_cli.files.tables.navigation import read_navigation
 from uwtrack_cli.files.tables.toml_tables import read_toml
 
@@ -559,11 +558,10 @@ def _deployed(content: dict[str, Any], path: Path) -> list[DeployedSensor]:
 
 def _remark_on_speed(sensor: Sensor, path: Path) -> None:
     if WAVE_GUIDES[0] < sensor.sound_speed_mps < WAVE_GUIDES[1]:
-        msg = (
+        warn(
             f"{path}: sound_speed_mps = {sensor.sound_speed_mps:g} is faster than "
             f"sound in water or air and slower than light; 4900 ft/s are 1500 m/s."
         )
-        warn(msg, UwtrackWarning, stacklevel=4)
 
 
 def _oddness_db(key: str, value: float) -> float:

@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from warnings import warn
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.options import shown
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.series import BEARING, Series
-from uwtrack_cli.errors import DataError, UwtrackNote, UwtrackWarning
+from uwtrack_cli.errors import DataError, note, warn
 from uwtrack_cli.files.tables.csv_table import (
     Table,
     check_increasing,
@@ -175,11 +174,10 @@ def _unrepeated(table: Table, time_s: FloatArray) -> IntArray:
             again.append(row)
         seen.add(cells)
     if again:
-        msg = (
+        note(
             f"{table.path}: {len(again)} repeated rows are left out, the first in line "
             f"{table.lines[again[0]]}."
         )
-        warn(msg, UwtrackNote, stacklevel=3)
     return np.delete(np.arange(time_s.size), again)
 
 
@@ -373,9 +371,8 @@ def _remark_on_radians(table: Table, bearing: FloatArray) -> None:
     known = bearing[np.isfinite(bearing)]
     if known.size >= ENOUGH_ROWS and np.all(np.abs(known) <= FULL_TURN):
         first = int(np.flatnonzero(np.isfinite(bearing))[0])
-        msg = (
+        warn(
             f"{table.where(first)}: bearing_deg is {bearing[first]:g}, and every bearing "
             f"of the table lies within {FULL_TURN:.3f} degrees of north; if these are "
             f"radians, convert them to degrees."
         )
-        warn(msg, UwtrackWarning, stacklevel=3)

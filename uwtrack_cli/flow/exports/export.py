@@ -4,13 +4,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Literal, NamedTuple
-from warnings import warn
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.atomic import atomic_target, check_target, write_text
 from uwtrack_cli.files.hdf5.layout import container_class
 from uwtrack_cli.files.hdf5.netcdf import write_netcdf
@@ -181,5 +180,4 @@ def _remarked(container: Container, name: str) -> Container:
 
 def _remark(name: str, rows: str, *, n_rows: int) -> None:
     if not n_rows:
-        msg = f"{name} has no {rows}: the table has a head and no rows."
-        warn(msg, UwtrackWarning, stacklevel=4)
+        warn(f"{name} has no {rows}: the table has a head and no rows.")
