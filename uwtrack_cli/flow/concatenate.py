@@ -18,7 +18,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.recording import Lock, Reader, RecordedFiles, Recording, Samples, read_segment
+from uwtrack_cli.data.recording import (
+    Lock,
+    Reader,
+    RecordedFiles,
+    Recording,
+    Samples,
+    in_blocks,
+    read_segment,
+)
 from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.audio.reader import AudioReader
 from uwtrack_cli.flow.recorder_folder import SLACK_S
@@ -36,19 +44,7 @@ class JoinedReader:
 
     def __call__(self, block_samples: int) -> Iterator[Samples]:
         """Yield blocks of so many samples, float32, shape (sample, channel)."""
-        held: list[Samples] = []
-        count = 0
-        for piece in self._pieces(block_samples):
-            held.append(piece)
-            count += len(piece)
-            if count >= block_samples:
-                joined = np.concatenate(held)
-                whole = count - count % block_samples
-                for begin in range(0, whole, block_samples):
-                    yield joined[begin : begin + block_samples]
-                held, count = [joined[whole:]], count - whole
-        if count:
-            yield np.concatenate(held)
+        return in_blocks(self._pieces(block_samples), block_samples)
 
     def segment(self, first_sample: int, n_samples: int) -> Samples:
         """Read so many samples from one on, nan where there is no file."""

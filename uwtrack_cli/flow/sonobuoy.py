@@ -21,10 +21,12 @@ from uwtrack_cli.data.recording import (
     Reader,
     Recording,
     Samples,
+    check_block,
+    in_blocks,
     read_segment,
 )
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.errors import DataError, OptionError, warn
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.audio.dropouts import spans_in_words
 from uwtrack_cli.files.audio.live_reader import (
     Disturbance,
@@ -82,9 +84,7 @@ class DifarReader:
 
     def __call__(self, block_samples: int) -> Iterator[Samples]:
         """Yield blocks of so many samples, float32, shape (sample, 3)."""
-        if block_samples < 1:
-            msg = f"a block must have at least 1 sample, got {block_samples}."
-            raise OptionError(msg)
+        check_block(block_samples)
         return self._blocks(block_samples)
 
     @property
@@ -148,24 +148,14 @@ class DifarReader:
 
     def _blocks(self, block_samples: int) -> Iterator[Samples]:
         self.n_samples, self._rows = 0, []
-        pending = np.zeros((0, 3), np.float32)
-        for samples in self._pieces():
-            gone = np.isnan(samples[:, 0])
-            count = self.n_samples + pending.shape[0]
-            self._gaps += self._lost.add(count, gone, RATE_HZ)
-            pending = np.concatenate([pending, samples])
-            while pending.shape[0] >= block_samples:
-                self.n_samples += block_samples
-                yield pending[:block_samples]
-                pending = pending[block_samples:]
-        if pending.shape[0]:
-            self.n_samples += pending.shape[0]
-            yield pending
+        for block in in_blocks(self._pieces(), block_samples):
+            self.n_samples += len(block)
+            yield block
         self._gaps += self._lost.finish(RATE_HZ)
         self._say()
 
     def _pieces(self) -> Iterator[Samples]:
-        """Yield what is wanted of each second, and note its lock."""
+        """Yield what is wanted of each second, and note its lock and where it is lost."""
         rate = self.demultiplexer.rate_hz
         begin = max(0, self.first // RATE_HZ - 1)
         audio = self.audio
@@ -174,7 +164,8 @@ class DifarReader:
             audio = replace(audio, first=begin * rate, last=last)
         else:  # live audio comes from its begin
             begin = 0
-        parts = _whole_seconds(audio(rate), rate)
+        count = 0
+        parts = in_blocks((block[:, 0] for block in audio(rate)), rate)
         for number, second in self._seconds(parts, begin):
             start = number * RATE_HZ
             low, high = max(self.first - start, 0), self.last - start
@@ -182,6 +173,8 @@ class DifarReader:
                 return
             wanted = second.samples[low:high]
             if wanted.shape[0]:
+                self._gaps += self._lost.add(count, np.isnan(wanted[:, 0]), RATE_HZ)
+                count += len(wanted)
                 facts = (second.locked_share, second.pilot_snr, second.phase_pilot)
                 self._rows.append((float(number), *facts, second.clock_error))
                 yield wanted
@@ -254,18 +247,6 @@ def _why_no_lock(name: str, lock: Lock) -> str:
         f"{LEAST_PILOT_DB:.0f} dB are needed): the receiver was off its channel, or the audio is that of another "
         f'buoy, whose sensor file says kind = "omni".'
     )
-
-
-def _whole_seconds(blocks: Iterator[Samples], rate: int) -> Iterator[Samples]:
-    """Yield the first channel of blocks second by second, the last one shorter."""
-    held = np.zeros(0, np.float32)
-    for block in blocks:
-        held = np.concatenate([held, block[:, 0]])
-        while held.size >= rate:
-            yield held[:rate]
-            held = held[rate:]
-    if held.size:
-        yield held
 
 
 def demultiplex(recording: Recording) -> Recording:

@@ -34,7 +34,7 @@ from uwtrack_cli.data.options import checked
 from uwtrack_cli.data.recording import PartReader, Recording, read_segment
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.data.transients import CLIMB, FALL, LEVEL, Transients
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning, warn
+from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.flow.engine import Engine, MemorySink, context_of
 from uwtrack_cli.flow.graph import Graph
 from uwtrack_cli.flow.shipped_recipes import load_recipe
@@ -140,7 +140,8 @@ def zoom_in(
         _warn_of_missed(missed_s, recording)
     told = compete(own, found, taken)
     if too_fast and not told.n_encounters:  # lines of the look are in no other table
-        warn(f"{recording.name} has a passage that is none: {too_fast[0]}.")
+        msg = f"{recording.name} has a passage that is none: {too_fast[0]}."
+        warnings.warn(msg, UwtrackWarning, stacklevel=2)
     return told
 
 
@@ -148,11 +149,12 @@ def _warn_of_missed(from_s: list[float], recording: Recording) -> None:
     """Say that segments are not looked at again, since their sound is not at hand."""
     places = sorted(set(from_s))
     segments = f"{len(places)} segment" + ("s" if len(places) > 1 else "")
-    warn(
+    msg = (
         f"{segments} of {recording.name}, from {places[0]:.0f} s on, where something may "
         f"pass within seconds, cannot be analysed again: the sound is gone. Record it "
         f"in a file, and run that."
     )
+    warnings.warn(msg, UwtrackWarning, stacklevel=3)
 
 
 def _own_passages(tables: list[Encounters], lines: list[Lines]) -> list[Encounters]:

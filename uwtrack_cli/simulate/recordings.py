@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.recording import Recording, Samples
+from uwtrack_cli.data.recording import Recording, Samples, check_block, in_blocks
 from uwtrack_cli.data.sensor import Navigation, Sensor
-from uwtrack_cli.errors import OptionError
 from uwtrack_cli.simulate.disturbance_sound import (
     AmbientGain,
     Disturbance,
@@ -189,22 +188,8 @@ class ScenarioReader:
 
     def __call__(self, block_samples: int) -> Iterator[Samples]:
         """Yield consecutive blocks of at most so many samples."""
-        if block_samples < 1:
-            msg = f"block_samples must be 1 or more, got {block_samples}."
-            raise OptionError(msg)
-        pending: list[Samples] = []
-        held = 0
-        for tile in self._tiles():
-            pending.append(tile)
-            held += len(tile)
-            if held >= block_samples:
-                joined = np.concatenate(pending)
-                whole = held - held % block_samples
-                for begin in range(0, whole, block_samples):
-                    yield joined[begin : begin + block_samples].copy()
-                pending, held = [joined[whole:]], held - whole
-        if held:
-            yield np.concatenate(pending)
+        check_block(block_samples)
+        return in_blocks(self._tiles(), block_samples)
 
     def _tiles(self) -> Iterator[Samples]:
         plan = self.scenario.sensors[self.sensor_number].multiplex

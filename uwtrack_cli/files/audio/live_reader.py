@@ -17,8 +17,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray
-from uwtrack_cli.data.recording import LiveSource, Samples
-from uwtrack_cli.errors import DataError, OptionError, warn
+from uwtrack_cli.data.recording import LiveSource, Samples, check_block
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.audio.byte_stream import ByteStream
 from uwtrack_cli.files.audio.dropouts import Dropouts, segment_without_dropouts, without_dropouts
 from uwtrack_cli.files.audio.reader import Tally
@@ -139,9 +139,7 @@ class LiveReader:
         OptionError
             Less than one sample.
         """
-        if block_samples < 1:
-            msg = f"a block must have at least 1 sample, got {block_samples}."
-            raise OptionError(msg)
+        check_block(block_samples)
         return self._blocks(block_samples)
 
     def segment(self, first_sample: int, n_samples: int) -> Samples:

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-from uwtrack_cli.data.recording import Samples
-from uwtrack_cli.errors import DataError, OptionError, warn
+from uwtrack_cli.data.recording import Samples, check_block
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.audio.dropouts import Dropouts, segment_without_dropouts, without_dropouts
 from uwtrack_cli.files.audio.opening import open_sound
 
@@ -72,9 +72,7 @@ class AudioReader:
 
     def __call__(self, block_samples: int) -> Iterator[Samples]:
         """Yield blocks of so many samples, float32, shape (sample, channel)."""
-        if block_samples < 1:
-            msg = f"a block must have at least 1 sample, got {block_samples}."
-            raise OptionError(msg)
+        check_block(block_samples)
         return self._blocks(block_samples)
 
     def segment(self, first_sample: int, n_samples: int) -> Samples:

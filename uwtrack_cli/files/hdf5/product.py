@@ -33,7 +33,7 @@ from uwtrack_cli.files.hdf5.examination import (
 from uwtrack_cli.files.hdf5.history import HistoryStep, Source
 from uwtrack_cli.files.hdf5.layout import CONTAINERS
 from uwtrack_cli.files.hdf5.reader import Product, read_in_child, read_product, read_product_bytes
-from uwtrack_cli.files.hdf5.writer import ProductWriter, product_to_bytes, write_product
+from uwtrack_cli.files.hdf5.writer import ProductWriter, write_product
 from uwtrack_cli.files.input_ledger import as_input
 from uwtrack_cli.files.limited_process import run_limited
 from uwtrack_cli.files.text_escaping import file_name
@@ -45,7 +45,6 @@ __all__ = [
     "ProductWriter",
     "Source",
     "is_product",
-    "product_to_bytes",
     "read_many",
     "read_product",
     "read_product_bytes",

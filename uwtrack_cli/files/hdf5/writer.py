@@ -353,19 +353,6 @@ def write_product(
             writer.write(container)
 
 
-def product_to_bytes(
-    containers: Sequence[Container], *, history: Sequence[HistoryStep] = ()
-) -> bytes:
-    """Return a product as bytes, for a pipe: HDF5 cannot be written to one."""
-    memory = io.BytesIO()
-    store = ProductStore(memory)
-    for container in containers:
-        store.write(container)
-    store.finish(history)
-    examined.add(append_checksum(memory))
-    return memory.getvalue()
-
-
 def _all_groups(groups: Iterable[AppendableGroup]) -> list[AppendableGroup]:
     """Return groups and those of all their parts, each once."""
     found: dict[str, AppendableGroup] = {}
