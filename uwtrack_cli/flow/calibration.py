@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import Origin, places_on_grid
+from uwtrack_cli.acoustics.geodesy import places_on_grid
 from uwtrack_cli.constants import SOURCE_DEPTH_M
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.recording import Recording
@@ -23,7 +23,7 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.truth import Truth, VesselTrack
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.flow.scoring.ais_passages import FAR_DEG, interpolate_track
-from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors
+from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors, origin_of
 from uwtrack_cli.spectra.dipole_calibration import (
     NAMES,
     DipoleFit,
@@ -236,27 +236,16 @@ def _tracks(truth: Truth, sensor: Sensor, span_s: tuple[float, float]) -> Iterat
     if not truth.is_geographic and sensor.id not in truth.sensor_places:
         msg = f"{truth.name} does not say where sensor {sensor.id!r} was."
         raise DataError(msg)
-    if truth.is_geographic and None in (sensor.latitude, sensor.longitude):
-        msg = (
-            f"sensor {sensor.id!r} has no latitude and longitude, which AIS needs: "
-            f"give them in its sensor file."
-        )
-        raise DataError(msg)
+    origin = origin_of(sensor) if truth.is_geographic else None
     for track in truth.tracks:
         is_there = track.time_s[0] <= span_s[1] and track.time_s[-1] >= span_s[0]
-        if track.time_s.size >= 2 and is_there:
-            yield from _on_grid(track, truth, sensor)
-
-
-def _on_grid(track: VesselTrack, truth: Truth, sensor: Sensor) -> Iterator[_Track]:
-    """Yield a track on the grid about the sensor, unless it is a degree away."""
-    if not truth.is_geographic:
-        east, north = truth.sensor_places[sensor.id]
-        yield _Track(track.vessel, track, track.first - east, track.second - north)
-        return
-    origin = Origin(float(sensor.latitude or 0.0), float(sensor.longitude or 0.0))
-    if np.abs(track.first - origin.latitude).min() <= FAR_DEG:
-        yield _Track(track.vessel, track, *places_on_grid(track.first, track.second, origin))
+        if track.time_s.size < 2 or not is_there:
+            continue
+        if origin is None:
+            east, north = truth.sensor_places[sensor.id]
+            yield _Track(track.vessel, track, track.first - east, track.second - north)
+        elif np.abs(track.first - origin.latitude).min() <= FAR_DEG:
+            yield _Track(track.vessel, track, *places_on_grid(track.first, track.second, origin))
 
 
 def _chosen(heard: dict[str, FloatArray], vessel: str | None, within_m: float, truth: Truth) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import Origin, places_on_grid
+from uwtrack_cli.acoustics.geodesy import places_on_grid
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import RecordedFiles, Recording
@@ -24,7 +24,7 @@ from uwtrack_cli.files.tables.ais import read_ais
 from uwtrack_cli.files.utc import format_utc
 from uwtrack_cli.flow.engine import Revision
 from uwtrack_cli.flow.scoring.encounter_scores import score_encounters
-from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors
+from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors, origin_of
 
 WITHIN_M = 2000.0
 """Range within which AIS vessels are expected to be detected unless told, m."""
@@ -54,12 +54,7 @@ class AisVessels:
             AIS needs the latitude and longitude of the sensor and the start in UTC.
         """
         sensor = recording.sensor
-        if sensor.latitude is None or sensor.longitude is None:
-            msg = (
-                f"{self.truth.name} needs to know where sensor {sensor.id!r} is: give "
-                f"latitude and longitude in its sensor file."
-            )
-            raise DataError(msg)
+        origin_of(sensor)
         shift_s = RecordedSensors([sensor], [recording]).shift_s(sensor.id, self.truth)
         first_s, last_s = (second + shift_s for second in self.span_s)
         if first_s > recording.duration_s or last_s < 0.0:
@@ -133,11 +128,11 @@ def tracks_past(
     DataError
         The place of the sensor or the start of the recording is not known.
     """
-    if recording is None or sensor.latitude is None or sensor.longitude is None:
-        msg = f"the place and the recording of sensor {sensor.id!r} are not known."
+    if recording is None:
+        msg = f"the recording of sensor {sensor.id!r} is not known."
         raise DataError(msg)
     vessels.check(recording)
-    origin = Origin(sensor.latitude, sensor.longitude)
+    origin = origin_of(sensor)
     shift_s = RecordedSensors([sensor], [recording]).shift_s(sensor.id, vessels.truth)
     found = []
     for track in vessels.truth.tracks:

@@ -22,7 +22,7 @@ from uwtrack_cli.constants import SOURCE_DEPTH_M
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.truth import TruePassage, Truth, VesselTrack
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.flow.scoring.recorded_sensors import origin_of
 
 MAX_GAP_S = 300.0
 STEP_S = 0.1
@@ -50,13 +50,7 @@ def ais_passages(
     DataError
         The latitude and longitude of the sensor are not known.
     """
-    if sensor.latitude is None or sensor.longitude is None:
-        msg = (
-            f"sensor {sensor.id!r} has no latitude and longitude, which AIS needs: "
-            f"give them in its sensor file and run again."
-        )
-        raise DataError(msg)
-    origin = Origin(sensor.latitude, sensor.longitude)
+    origin = origin_of(sensor)
     for track in truth.tracks:
         for approach in _approaches(track, origin, span_s):
             if np.hypot(*approach.place_m) <= within_m:

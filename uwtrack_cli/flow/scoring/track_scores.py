@@ -23,13 +23,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.acoustics.geodesy import Origin, places_on_grid, to_latitude_longitude
-from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Fixes
 from uwtrack_cli.data.truth import Truth, VesselTrack
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.flow.scoring.ais_passages import interpolate_track
 from uwtrack_cli.flow.scoring.encounter_scores import Score
+from uwtrack_cli.flow.scoring.recorded_sensors import clock_shift_s
 
 LISTED_WEIGHT = 0.95
 """Weight of the modes among which the nearest to the truth is compared."""
@@ -65,7 +65,7 @@ def score_fixes(
     DataError
         The two cannot be brought to one grid or one clock.
     """
-    shift_s = _shift_s(truth, start_utc_ns)
+    shift_s = clock_shift_s(truth, start_utc_ns)
     tracks = [(track, *_on_grid(track, truth, fixes)) for track in truth.tracks]
     vessels = {
         time_s: _true_positions(tracks, time_s - shift_s)
@@ -123,15 +123,6 @@ def _compared_mode(
         f"that share the weight (its own {float(fixes.weight[rows[0]]):.2f})"
     )
     return rows, [said]
-
-
-def _shift_s(truth: Truth, start_utc_ns: int | None) -> float:
-    if start_utc_ns is not None and truth.start_utc_ns is not None:
-        return (truth.start_utc_ns - start_utc_ns) / NANOSECONDS
-    if truth.is_geographic:
-        msg = f"{truth.name} is in UTC, and the positions have no UTC: give --start-utc."
-        raise DataError(msg)
-    return 0.0
 
 
 def _on_grid(track: VesselTrack, truth: Truth, fixes: Fixes) -> tuple[FloatArray, FloatArray]:
