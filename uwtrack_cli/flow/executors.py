@@ -37,7 +37,7 @@ from types import FrameType
 from typing import Any, NoReturn
 
 from uwtrack_cli.errors import DataError, OptionError, needing
-from uwtrack_cli.flow.batch import FAILED, Job, Outcome, finished, looked_over, run_job
+from uwtrack_cli.flow.batch import Job, Outcome, finished, looked_over, run_job
 from uwtrack_cli.flow.engine import Progress
 
 JobProgress = Callable[[int, float], None]
@@ -238,11 +238,7 @@ def _lost(worker: Worker, job: Job) -> Outcome:
     if code is not None and code < 0:
         how = f"was ended by {signal.Signals(-code).name}"
     message = f"the process that ran it {how}; was there not enough memory?"
-    return _failed(job, message)
-
-
-def _failed(job: Job, message: str) -> Outcome:
-    return Outcome(str(job.sources[0]), str(job.target), FAILED, message, len(job.sources))
+    return job.failed(message)
 
 
 def _end(workers: Sequence[Worker]) -> None:
@@ -301,7 +297,7 @@ def _run(job: Job, progress: Progress) -> Outcome:
     try:
         return run_job(job, progress)
     except KeyboardInterrupt:
-        return _failed(job, "interrupted")
+        return job.failed("interrupted")
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -43,6 +43,13 @@ from uwtrack_cli.simulate.scenario import Noise, Scenario, SensorPlan
 from uwtrack_cli.simulate.sound import VesselSound, sound_at_elements, vessel_sound
 from uwtrack_cli.simulate.trajectories import Array, sensor_trajectory, track_trajectory
 
+KNOWN_AS_IT_IS = (
+    "id", "latitude", "longitude", "position_std_m", "depth_m", "heading_deg",
+    "compass_offset_deg", "compass_std_deg", "clock_offset_s", "clock_std_s",
+    "sensitivity_db_re_v_per_upa", "adc_peak_v",
+)  # fmt: skip
+"""What the owner of a sensor knows of it without an error."""
+
 
 def simulate_recordings(scenario: Scenario) -> tuple[Recording, ...]:
     """Return one recording per sensor; its samples are made when they are read.
@@ -123,25 +130,14 @@ def known_sensor(scenario: Scenario, plan: SensorPlan) -> Sensor:
             "heading_source": plan.heading_source if moving else "fixed",
         }
     return Sensor(
-        id=plan.id,
+        **{name: getattr(plan, name) for name in KNOWN_AS_IT_IS},
         **{"kind": plan.kind, "channels": channels, **radio},
-        latitude=plan.latitude,
-        longitude=plan.longitude,
         east_m=plan.east_m + plan.position_error_m[0] if on_grid else None,
         north_m=plan.north_m + plan.position_error_m[1] if on_grid else None,
-        position_std_m=plan.position_std_m,
-        depth_m=plan.depth_m,
         depth_std_m=0.0,
-        heading_deg=plan.heading_deg,
         sound_speed_mps=scenario.sound_speed_mps,
         sound_speed_std_mps=0.0,
-        compass_offset_deg=plan.compass_offset_deg,
-        compass_std_deg=plan.compass_std_deg,
-        clock_offset_s=plan.clock_offset_s,
-        clock_std_s=plan.clock_std_s,
-        sensitivity_db_re_v_per_upa=plan.sensitivity_db_re_v_per_upa,
         gain_db=None if plan.sensitivity_db_re_v_per_upa is None else plan.gain_db,
-        adc_peak_v=plan.adc_peak_v,
         full_scale_db=plan.full_scale_db if plan.is_calibrated else None,
         navigation=_navigation(scenario, plan) if moving else None,
         **array,

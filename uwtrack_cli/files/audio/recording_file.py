@@ -9,6 +9,7 @@ passed on as nan, so that the frames can count it as a gap.
 from collections.abc import Iterator
 from dataclasses import replace
 from io import BytesIO
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -356,7 +357,7 @@ def _write_blocks(
         ) as file:
             if date:
                 file.date = date
-            for block in _chain(first, blocks):
+            for block in chain([first], blocks):
                 if not np.isfinite(block).all() and "PCM" in subtype:
                     msg = f"samples of {path} are no numbers near sample {total}."
                     raise DataError(msg)
@@ -380,8 +381,3 @@ def _forget_time(path: Path) -> None:
         if at > 0:
             file.seek(at + 12)
             file.write(bytes(4))
-
-
-def _chain(first: Samples, rest: Iterator[Samples]) -> Iterator[Samples]:
-    yield first
-    yield from rest

@@ -1,7 +1,8 @@
 """Export a product: CSV, GeoJSON, KML, Raven table, NetCDF, REP, DSF."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -94,25 +95,10 @@ def _kml(containers: list[Container], name: str) -> str:
     return kml_text(geographic_features(containers, name), Path(name).name)
 
 
-def _rep(containers: list[Container], name: str) -> str:
-    lines = replay_lines(_series(containers), _told(containers), with_tracks=True)
-    return _replay(lines, name)
-
-
-def _dsf(containers: list[Container], name: str) -> str:
-    lines = replay_lines(_series(containers), _told(containers), with_tracks=False)
-    return _replay(lines, name)
-
-
-def _told(containers: list[Container]) -> list[Fixes | Motions]:
-    return [c for c in containers if isinstance(c, Fixes | Motions)]
-
-
-def _series(containers: list[Container]) -> list[Series]:
-    return [c for c in containers if isinstance(c, Series)]
-
-
-def _replay(lines: Iterator[str], name: str) -> str:
+def _replay(containers: list[Container], name: str, *, with_tracks: bool) -> str:
+    series = [c for c in containers if isinstance(c, Series)]
+    told = [c for c in containers if isinstance(c, Fixes | Motions)]
+    lines = replay_lines(series, told, with_tracks=with_tracks)
     text = "".join(f"{line}\n" for line in lines)
     if not text:
         msg = (
@@ -143,8 +129,8 @@ FORMATS: dict[Form, Format] = {
     "kml": Format(".kml", PLACED, _kml),
     "raven": Format(".selections.txt", ("lines",), raven_text),
     "netcdf": Format(".nc"),
-    "rep": Format(".rep", ("series", "fixes", "motions"), _rep),
-    "dsf": Format(".dsf", ("series",), _dsf),
+    "rep": Format(".rep", ("series", "fixes", "motions"), partial(_replay, with_tracks=True)),
+    "dsf": Format(".dsf", ("series",), partial(_replay, with_tracks=False)),
 }
 
 
