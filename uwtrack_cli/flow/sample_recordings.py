@@ -35,12 +35,11 @@ BLOCK_SAMPLES = 65536
 
 
 def write_simulation(
-    scenario: Scenario, path: Path, *, overwrite: bool = False, subtype: str = "PCM_16"
+    scenario: Scenario, path: Path, *, overwrite: bool = False
 ) -> tuple[Path, ...]:
     """Write every recording of a scenario, with sensor files and truth.
 
     ``path``: the WAV file; with several sensors, ``-ID`` is put before its suffix.
-    ``subtype``: sample format of the WAV file, as soundfile names it.
 
     Returned: the files written, the recordings first.
 
@@ -52,7 +51,7 @@ def write_simulation(
     Warns
     -----
     UwtrackWarning
-        Samples exceed full scale and are clipped (not in a FLOAT file).
+        Samples exceed full scale and are clipped.
     """
     check_target(path, overwrite=True)  # it has a name, and its folder is there
     recordings = simulate_recordings(scenario)
@@ -69,9 +68,8 @@ def write_simulation(
     for recording, sound in zip(recordings, sounds, strict=True):
         write_wav(
             sound,
-            _metered(recording, sound.name, subtype),
+            _metered(recording, sound.name),
             recording.sample_rate_hz,
-            subtype,
             overwrite=overwrite,
             start_utc_ns=recording.start_utc_ns,
         )
@@ -118,7 +116,7 @@ def _truth_name(sound: Path) -> Path:
     return sound.with_suffix(".truth.json")
 
 
-def _metered(recording: Recording, name: str, subtype: str) -> Iterator[Samples]:
+def _metered(recording: Recording, name: str) -> Iterator[Samples]:
     """Pass the blocks on; warn at the end if any sample exceeds full scale."""
     assert recording.reader is not None  # noqa: S101 - simulate_recordings gives one
     peak, clipped = 0.0, 0
@@ -127,7 +125,7 @@ def _metered(recording: Recording, name: str, subtype: str) -> Iterator[Samples]
         peak = max(peak, float(size.max()))
         clipped += int(np.count_nonzero(size > 1.0))
         yield block
-    if clipped and "PCM" in subtype:
+    if clipped:
         warn(
             f"{name}: {clipped} samples exceed full scale and are clipped; raise "
             f"full_scale_db (or lower gain_db) by {20.0 * np.log10(peak):.1f} dB."

@@ -12,11 +12,10 @@ What the examination accepts is readable; it proves nothing about who wrote the 
 """
 
 import contextlib
-import io
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import h5py
 import numpy as np
@@ -61,7 +60,7 @@ def reading(name: str) -> Iterator[None]:
 
 
 def open_examined(
-    source: Path | bytes, name: str, *, may_be_lost: bool = False
+    path: Path, name: str, *, may_be_lost: bool = False
 ) -> tuple[h5py.File, Checksum]:
     """Open a product for reading, and return its checksum, too.
 
@@ -72,16 +71,16 @@ def open_examined(
     DataError
         The file is missing, no HDF5, damaged, foreign, incomplete or too new.
     """
-    checksum = check_bytes(source, name)
+    checksum = check_bytes(path, name)
     if not may_be_lost and checksum.sha256 not in examined:
-        look_apart(f"{__name__}:structure_problem", source, name)
+        look_apart(f"{__name__}:structure_problem", path, name)
         examined.add(checksum.sha256)
     with reading(name):
-        file = h5py.File(as_input(_openable(source)), "r", locking=False)
+        file = h5py.File(as_input(path), "r", locking=False)
     return file, checksum
 
 
-def check_bytes(source: Path | bytes, name: str) -> Checksum:
+def check_bytes(path: Path, name: str) -> Checksum:
     """Return the checksum of a product, and refuse one that does not match it.
 
     Raises
@@ -90,12 +89,11 @@ def check_bytes(source: Path | bytes, name: str) -> Checksum:
         The file is missing, no HDF5, or damaged; what it is, is said.
     """
     try:
-        if isinstance(source, Path):
-            check_readable(source)
-            with as_input(source).open("rb") as file:
-                found, head = _checked(file)
-        else:
-            found, head = _checked(io.BytesIO(source))
+        check_readable(path)
+        with as_input(path).open("rb") as file:
+            found = checked(file)
+            file.seek(0)
+            head = file.read(len(SIGNATURE))
     except OSError as error:
         msg = f"cannot read {name}: {error.strerror or error}."
         raise DataError(msg) from error
@@ -107,9 +105,7 @@ def check_bytes(source: Path | bytes, name: str) -> Checksum:
             msg += f" uwtrack run {shell_word(name)} makes one of a recording."
         raise DataError(msg)
     try:
-        facts = run_limited(
-            f"{__name__}:root_facts", *_by_path(source), seconds=PATIENCE_S, data=_by_data(source)
-        )
+        facts = run_limited(f"{__name__}:root_facts", str(path), seconds=PATIENCE_S)
     except DataError as error:
         msg = (
             f"{name} is damaged or was cut short: it cannot be opened. "
@@ -143,7 +139,7 @@ def is_product(path: Path) -> bool:
     return bool(facts.get("format") == FORMAT)
 
 
-def look_apart(function: str, source: Path | bytes, name: str) -> Any:
+def look_apart(function: str, path: Path, name: str) -> Any:
     """Run a function, ``module:name``, on a product in a limited child process.
 
     Raises
@@ -151,12 +147,9 @@ def look_apart(function: str, source: Path | bytes, name: str) -> Any:
     DataError
         It raised one, or the child died.
     """
-    size = len(source) if isinstance(source, bytes) else source.stat().st_size
+    seconds = PATIENCE_S + path.stat().st_size / BYTES_PER_S
     try:
-        return run_limited(
-            function, *_by_path(source), name,
-            seconds=PATIENCE_S + size / BYTES_PER_S, data=_by_data(source),
-        )  # fmt: skip
+        return run_limited(function, str(path), name, seconds=seconds)
     except DataError as error:
         text = str(error)
         if not text.startswith(name):
@@ -255,41 +248,22 @@ def check_stored(dataset: h5py.Dataset) -> None:
         raise DataError(msg)
 
 
-def _checked(file: BinaryIO) -> tuple[Checksum | None, bytes]:
-    found = checked(file)
-    file.seek(0)
-    return found, file.read(len(SIGNATURE))
-
-
-def _by_path(source: Path | bytes) -> tuple[str]:
-    return ("" if isinstance(source, bytes) else str(source),)
-
-
-def _by_data(source: Path | bytes) -> bytes:
-    return source if isinstance(source, bytes) else b""
-
-
-def _openable(source: Path | bytes) -> Any:
-    return io.BytesIO(source) if isinstance(source, bytes) else source
-
-
 # What follows runs in a child process.
 
 
-def root_facts(path: str, data: bytes) -> dict[str, Any]:
+def root_facts(path: str) -> dict[str, Any]:
     """Return the root attributes that say what a file is, as far as it has them."""
     found: dict[str, Any] = {}
-    with h5py.File(as_input(_openable(Path(path) if path else data)), "r", locking=False) as file:
+    with h5py.File(as_input(Path(path)), "r", locking=False) as file:
         for key in FACTS:
             with contextlib.suppress(*HDF5_ERRORS):
                 found[key] = attribute(file, key)
     return found
 
 
-def structure_problem(path: str, name: str, data: bytes) -> None:
+def structure_problem(path: str, name: str) -> None:
     """Raise a DataError if a file has anything that products do not have."""
-    source = Path(path) if path else data
-    with reading(name), h5py.File(as_input(_openable(source)), "r", locking=False) as file:
+    with reading(name), h5py.File(as_input(Path(path)), "r", locking=False) as file:
         check_facts({key: attribute(file, key) for key in FACTS}, name)
         check_structure(file)
 

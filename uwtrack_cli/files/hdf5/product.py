@@ -86,12 +86,9 @@ def verify_product(path: Path | str) -> list[str]:
     return problems
 
 
-def content_problems(path: str, name: str, data: bytes) -> list[str]:
-    """Read everything that a product holds; return what cannot be read.
-
-    ``data``: nothing: the file is read by its path.
-    """
-    structure_problem(path, name, data)
+def content_problems(path: str, name: str) -> list[str]:
+    """Read everything that a product holds; return what cannot be read."""
+    structure_problem(path, name)
     problems: list[str] = []
     with read_in_child(Path(path)) as product:
         product.file.visititems(lambda _, item: _read(item, problems))
@@ -134,14 +131,11 @@ def _in_one_child(function: str, paths: Sequence[Path]) -> list[Any]:
     return [value if is_read else DataError(value) for is_read, value in found]
 
 
-def values_in_child(function: str, *arguments: Any) -> list[tuple[bool, Any]]:
-    """Return what a function gives of products, each with whether it could be read.
-
-    ``arguments``: the paths of the products, and nothing.
-    """
+def values_in_child(function: str, *paths: str) -> list[tuple[bool, Any]]:
+    """Return what a function gives of products, each with whether it could be read."""
     module, _, name = function.partition(":")
     found: list[tuple[bool, Any]] = []
-    for path in arguments[:-1]:
+    for path in paths:
         try:
             with read_in_child(Path(path)) as product:
                 value = getattr(import_module(module), name)(product)

@@ -5,6 +5,9 @@ with a column ``frame`` are stored in its order. `Container.join` of the blocks 
 what `Product.read` gives, bit for bit.
 """
 
+import contextlib
+import tempfile
+import weakref
 from bisect import bisect_left
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -234,11 +237,17 @@ def read_product_bytes(data: bytes) -> Product:
     if not data:
         msg = "standard input is empty."
         raise DataError(msg)
-    return _opened(data, "standard input")
+    with contextlib.ExitStack() as stack:
+        folder = tempfile.TemporaryDirectory(prefix="uwtrack-")
+        path = Path(stack.enter_context(folder)) / "standard-input.h5"
+        path.write_bytes(data)
+        product = _opened(path, "standard input")
+        weakref.finalize(product, stack.pop_all().close)
+    return product
 
 
-def _opened(source: Path | bytes, name: str, *, may_be_lost: bool = False) -> Product:
-    file, checksum = open_examined(source, name, may_be_lost=may_be_lost)
+def _opened(path: Path, name: str, *, may_be_lost: bool = False) -> Product:
+    file, checksum = open_examined(path, name, may_be_lost=may_be_lost)
     try:
         return Product(file, name, checksum)
     except BaseException:

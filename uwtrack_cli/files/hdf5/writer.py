@@ -29,7 +29,7 @@ import tempfile
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from types import FrameType
+from types import FrameType, TracebackType
 from typing import Any, Self
 
 import h5py
@@ -204,9 +204,14 @@ class ProductWriter:
             self._stack = stack.pop_all()
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         """Finish and place the file, or remove it after an error."""
-        self._stack.__exit__(*error)
+        self._stack.__exit__(kind, error, trace)
 
     @property
     def store(self) -> ProductStore:
