@@ -138,20 +138,18 @@ def find_directions(delays: Delays, sensor: Sensor) -> Directions:
 
 def _array_of(sensor: Sensor) -> SpatialArray:
     if not len(sensor.element_xyz_m):
-        msg = (
+        raise DataError(
             f"directions from delays need an array with element_along_m or "
             f"element_positions_m, and sensor {sensor.id!r} has none: give its sensor "
             f"file (--sensor)."
         )
-        raise DataError(msg)
     if sensor.heading_source != "fixed":
-        msg = (
+        raise DataError(
             f"directions from delays need a fixed array: give heading_deg in the sensor "
             f"file of {sensor.id!r} (0 if y of the positions is north, and of a "
             f"line the direction of its head), or use 'uwtrack "
             f"beamform' for one that moves."
         )
-        raise DataError(msg)
     return SpatialArray(sensor.element_xyz_m, sensor.sound_speed_mps)
 
 
@@ -160,8 +158,9 @@ def _pairs(delays: Delays, names: list[str], sensor: str) -> IntArray:
     known = {name: number for number, name in enumerate(names)}
     for name in np.unique([delays.channel_a, delays.channel_b]).tolist():
         if name not in known:
-            msg = f"the delays name channel {name!r}; sensor {sensor!r} has: {', '.join(names)}."
-            raise DataError(msg)
+            raise DataError(
+                f"the delays name channel {name!r}; sensor {sensor!r} has: {', '.join(names)}."
+            )
     return np.array(
         [[known[a], known[b]] for a, b in zip(
             delays.channel_a.tolist(), delays.channel_b.tolist(), strict=True
@@ -174,7 +173,7 @@ def _check_reach(delays: Delays, apart: FloatArray, sensor: Sensor) -> None:
     longest = np.linalg.norm(apart, axis=1) / sensor.sound_speed_mps
     spare = BEYOND * longest + SURE_DEVIATIONS * delays.delay_std_s
     for row in np.flatnonzero(np.abs(delays.delay_s) > spare)[:1]:
-        msg = (
+        raise DataError(
             f"channels {delays.channel_a[row]} and {delays.channel_b[row]} are "
             f"{np.linalg.norm(apart[row]):.4g} m apart, which sound crosses in "
             f"{longest[row]:.4g} s, and their delay at {delays.time_s[row]:.3f} s is "
@@ -182,7 +181,6 @@ def _check_reach(delays: Delays, apart: FloatArray, sensor: Sensor) -> None:
             f"sound_speed_mps = {sensor.sound_speed_mps:g} right, and the channels in "
             f"their order?"
         )
-        raise DataError(msg)
 
 
 def _fit(

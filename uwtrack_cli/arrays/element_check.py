@@ -59,13 +59,12 @@ class ElementCheck:
         for k in np.flatnonzero(np.abs(level_db) >= HOT_DB):
             self._tell_level(self.names[k], float(level_db[k]), time_s)
         if np.count_nonzero(alive) < FEWEST_ALIVE:
-            msg = (
+            raise DataError(
                 f"{np.count_nonzero(alive)} of {alive.size} hydrophones have a level "
                 f"within {DEAD_DB:g} dB of the median at {time_s:.1f} s; beams need "
                 f"{FEWEST_ALIVE}: check the recording, or leave this part out with "
                 f"--start-s and --stop-s."
             )
-            raise DataError(msg)
         if self._sign is None:
             gaps = np.diff(np.sort(self.along_m[alive]))
             # neighbours of a dead one lie farther apart

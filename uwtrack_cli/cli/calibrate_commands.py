@@ -68,11 +68,10 @@ def calibrate(
 
     target = source.with_name(source.stem + BESIDE) if output is None else output
     if target.exists():
-        msg = (
+        raise OutputError(
             f"{target} exists already, and calibrate replaces no sensor file: name "
             f"another one with -o."
         )
-        raise OutputError(msg)
     check_target(target, overwrite=False)
     recording = open_source(source, source_options)
     known = read_any_truth(truth)

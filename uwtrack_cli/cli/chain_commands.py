@@ -199,8 +199,9 @@ def _read_sources(stage: Stage, own: Mapping[str, Any], stack: ExitStack) -> "In
             read.add(source, _wanted(stage))
     refuse_unknown_step(read.products, own["branch"])
     if own.get("sensor") is not None and read.products and stage.output is Encounters:
-        msg = f"--sensor {own['sensor']} belongs to a table; result files have their own."
-        raise DataError(msg)
+        raise DataError(
+            f"--sensor {own['sensor']} belongs to a table; result files have their own."
+        )
     for kind in _wanted(stage):
         asked = {**SIDE_TABLES, "sensor": SENSOR_FILE}.get(kind.NAME)
         if asked is not None and own.get(asked.name) is not None:

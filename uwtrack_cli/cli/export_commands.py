@@ -40,11 +40,9 @@ def export(
     from uwtrack_cli.flow.exports.export import FORMATS, export_product
 
     if container is not None and form != "csv":
-        msg = f"--table goes with --to csv, not {form}, which takes what it needs."
-        raise OptionError(msg)
+        raise OptionError(f"--table goes with --to csv, not {form}, which takes what it needs.")
     if axis is not None and container is None:
-        msg = f"--axis {axis} needs --table, and --to csv."
-        raise OptionError(msg)
+        raise OptionError(f"--axis {axis} needs --table, and --to csv.")
     target = named_target(output, file, FORMATS[form].ending)
     inputs = () if file == PIPE else (file,)
     with open_product(file) as product:

@@ -69,24 +69,20 @@ class LiveOptions:
             for name in ("raw", "rate_hz", "channels", "idle_s"):
                 if getattr(self, name) is not None:
                     flag = flag_of(name)
-                    msg = (
+                    raise OptionError(
                         f"{flag} is for sound that comes through a pipe, as in "
                         f"cat FILE | uwtrack run -, or for a file with --follow."
                     )
-                    raise OptionError(msg)
             return False
         if len(sources) > 1:
-            msg = f"live sound is run alone, got {len(sources)} sources."
-            raise OptionError(msg)
+            raise OptionError(f"live sound is run alone, got {len(sources)} sources.")
         if self.follow and sources[0].is_dir():
-            msg = (
+            raise OptionError(
                 f"--follow takes a file that is being written, and {sources[0]} is a "
                 f"folder: uwtrack watch {shell_word(sources[0])} -o DIR runs what arrives in it."
             )
-            raise OptionError(msg)
         if pipes and self.follow:
-            msg = f"--follow is for a file, and {pipes[0]} is a pipe: leave it out."
-            raise OptionError(msg)
+            raise OptionError(f"--follow is for a file, and {pipes[0]} is a pipe: leave it out.")
         return True
 
     def raw_sound(self) -> "RawSound | None":
@@ -101,12 +97,14 @@ class LiveOptions:
 
         if self.raw is None:
             if self.rate_hz is not None or self.channels is not None:
-                msg = "--rate-hz and --channels go with --raw FORMAT; a header has them."
-                raise OptionError(msg)
+                raise OptionError(
+                    "--rate-hz and --channels go with --raw FORMAT; a header has them."
+                )
             return None
         if self.rate_hz is None:
-            msg = f"--raw {self.raw} needs --rate-hz: there is no header with the rate."
-            raise OptionError(msg)
+            raise OptionError(
+                f"--raw {self.raw} needs --rate-hz: there is no header with the rate."
+            )
         return RawSound(self.raw, self.rate_hz, self.channels or 1)
 
 

@@ -160,8 +160,7 @@ def refuse_without_ais(context: typer.Context, ais: Path | None) -> None:
     """Refuse --within-m where there is no table that it would apply to."""
     given = context.get_parameter_source("within_m")
     if ais is None and given is not None and given.name != "DEFAULT":
-        msg = "--within-m is the range of vessels of an AIS table: give it with --ais."
-        raise OptionError(msg)
+        raise OptionError("--within-m is the range of vessels of an AIS table: give it with --ais.")
 
 
 def _is_sound(files: Sequence[Path]) -> bool:
@@ -176,8 +175,9 @@ def _is_sound(files: Sequence[Path]) -> bool:
 
     sounds = [path for path in files if path.suffix.lower() in SUFFIXES]
     if sounds and len(files) > 1:
-        msg = f"{sounds[0]} is a recording, which is drawn by itself: plot one at a time."
-        raise OptionError(msg)
+        raise OptionError(
+            f"{sounds[0]} is a recording, which is drawn by itself: plot one at a time."
+        )
     return bool(sounds)
 
 
@@ -194,8 +194,7 @@ def _refuse_foreign(context: typer.Context, file: Path, *, is_sound: bool) -> No
                 if is_sound
                 else f"belongs to a recording, and {file} is a result file: give the sound file"
             )
-            msg = f"{flag} {why}, or leave it out."
-            raise OptionError(msg)
+            raise OptionError(f"{flag} {why}, or leave it out.")
 
 
 def _write_sound(
@@ -216,11 +215,10 @@ def _write_sound(
 def _refuse_several(pages: "Sequence[Page]") -> None:
     sensors = sorted({page.sensor for page in pages if page.sensor is not None})
     if len(sensors) > 1:
-        msg = (
+        raise OptionError(
             f"the page that is asked for is one of {', '.join(sensors)} each: name one "
             f"with --sensor, or write all their pages with -o NAME.pdf."
         )
-        raise OptionError(msg)
 
 
 def _tell_others(pages: "Sequence[Page]") -> None:
@@ -238,8 +236,7 @@ def _picture_name(
     passage: int | None, *, is_demon: bool,
 ) -> Path:  # fmt: skip
     if is_demon and not contact is passage is None:
-        msg = "--demon is a page of the recording: leave --passage and --contact out."
-        raise OptionError(msg)
+        raise OptionError("--demon is a page of the recording: leave --passage and --contact out.")
     words = [".demon"] if is_demon else []
     words += [f".{name}-{number}" for name, number in
               (("contact", contact), ("passage", passage)) if number is not None]  # fmt: skip
@@ -321,11 +318,10 @@ def _refuse_second(
         known = owners.setdefault(name, file)
         same = any(container.equals(other) for other in before)
         if known != file and name in DRAWN and not same:
-            msg = (
+            raise DataError(
                 f"{known} and {file} both hold {name}, and a page shows one recording: "
                 f"plot them one by one."
             )
-            raise DataError(msg)
 
 
 def report(  # noqa: PLR0913 (one parameter for each option)
@@ -368,13 +364,13 @@ def report(  # noqa: PLR0913 (one parameter for each option)
         from uwtrack_cli.plotting.report import Report, report_html
     refuse_without_ais(context, ais)
     if speed_up is not None and not sound:
-        msg = "--speed-up is how fast the sound is played: give it with --sound."
-        raise OptionError(msg)
+        raise OptionError("--speed-up is how fast the sound is played: give it with --sound.")
     is_folder = file.is_dir()
     target = named_target(output, file / "report" if is_folder else file, ".html")
     if pages and not is_folder:
-        msg = "--pages writes the pages of the result files in a folder; this is one result file."
-        raise OptionError(msg)
+        raise OptionError(
+            "--pages writes the pages of the result files in a folder; this is one result file."
+        )
     inputs = () if is_folder or file == PIPE else (file,)
     check_target(target, overwrite=overwrite, inputs=inputs)
     made: dict[str, Any] = {
@@ -390,8 +386,7 @@ def report(  # noqa: PLR0913 (one parameter for each option)
     if not is_folder:
         text = text_of(file)
     elif step is not None:
-        msg = "--step chooses within one result file, and a folder holds many."
-        raise OptionError(msg)
+        raise OptionError("--step chooses within one result file, and a folder holds many.")
     else:
         if pages:
             _write_pages_of(file, text_of, overwrite=overwrite)

@@ -162,8 +162,7 @@ def read_segment(reader: Reader | None, first_sample: int, n_samples: int) -> Sa
     """
     read = getattr(reader, "segment", None)
     if read is None:
-        msg = "the sound is not at hand to be read again; open the recording's file."
-        raise DataError(msg)
+        raise DataError("the sound is not at hand to be read again; open the recording's file.")
     samples: Samples = read(first_sample, n_samples)
     return samples
 
@@ -177,8 +176,7 @@ def check_block(block_samples: int) -> None:
         It has less than one.
     """
     if block_samples < 1:
-        msg = f"block_samples must be 1 or more, got {block_samples}."
-        raise OptionError(msg)
+        raise OptionError(f"block_samples must be 1 or more, got {block_samples}.")
 
 
 def in_blocks(pieces: Iterable[Samples], block_samples: int) -> Iterator[Samples]:

@@ -335,14 +335,12 @@ def _kept(
     if may_stay:
         other = "" if job.overwrite else _other_job(job)
         if other:
-            msg = (
+            raise OutputError(
                 f"{name} was made {other}: give --overwrite to replace it, or name "
                 f"another folder with --output."
             )
-            raise OutputError(msg)
     elif not job.overwrite:
-        msg = f"{name} exists already; give --resume or --overwrite."
-        raise OutputError(msg)
+        raise OutputError(f"{name} exists already; give --resume or --overwrite.")
     return None
 
 

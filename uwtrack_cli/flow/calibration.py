@@ -185,17 +185,15 @@ def _renamed(multiplex: str | None, names: Mapping[str, str]) -> str:
 
 def _check_sensor(sensor: Sensor) -> None:
     if not sensor.has_direction:
-        msg = (
+        raise DataError(
             f"sensor {sensor.id!r} has no dipoles to calibrate; give a sensor file with "
             f'kind = "difar".'
         )
-        raise DataError(msg)
     if sensor.navigation is not None:
-        msg = (
+        raise DataError(
             f"sensor {sensor.id!r} has navigation, and a calibration needs a sensor at "
             f"a fixed place: give its latitude and longitude and its heading_deg."
         )
-        raise DataError(msg)
 
 
 def _frames(recording: Recording, band_hz: tuple[float, float], window_s: float) -> WhitenedFrames:
@@ -234,8 +232,7 @@ class _Track:
 def _tracks(truth: Truth, sensor: Sensor, span_s: tuple[float, float]) -> Iterator[_Track]:
     """Yield the tracks of all vessels that were near during a span of time."""
     if not truth.is_geographic and sensor.id not in truth.sensor_places:
-        msg = f"{truth.name} does not say where sensor {sensor.id!r} was."
-        raise DataError(msg)
+        raise DataError(f"{truth.name} does not say where sensor {sensor.id!r} was.")
     origin = origin_of(sensor) if truth.is_geographic else None
     for track in truth.tracks:
         is_there = track.time_s[0] <= span_s[1] and track.time_s[-1] >= span_s[0]
@@ -259,20 +256,18 @@ def _chosen(heard: dict[str, FloatArray], vessel: str | None, within_m: float, t
         named = [name for name in least if vessel.casefold() in name.casefold()]
         if len(named) != 1:
             words = ", ".join(sorted(least)[:8]) or "none"
-            msg = (
+            raise DataError(
                 f"exactly one vessel of {truth.name} must be named by {vessel!r} during "
                 f"the recording, found {len(named)}; there are: {words}."
             )
-            raise DataError(msg)
         least = {named[0]: least[named[0]]}
     near = [name for name, range_m in least.items() if range_m <= within_m]
     if not near:
         most = f"; the nearest came to {min(least.values()):.0f} m" if least else ""
-        msg = (
+        raise DataError(
             f"{truth.name} has no vessel within {within_m:g} m of the sensor during the "
             f"recording{most}. Is the start of the recording right (--start-utc)?"
         )
-        raise DataError(msg)
     return min(near, key=lambda name: least[name])
 
 

@@ -113,11 +113,10 @@ def join_recordings(
             start = end
         elif start < end:
             apart_s = (end - start) / first.sample_rate_hz
-            msg = (
+            raise DataError(
                 f"{recording.name} begins {apart_s:.1f} s before the file before it "
                 f"ends; recordings that overlap cannot be joined."
             )
-            raise DataError(msg)
         assert recording.reader is not None  # noqa: S101 - opened for reading
         parts.append((start, recording.n_samples, recording.reader))
         end = start + recording.n_samples
@@ -183,16 +182,14 @@ def clip_recording(recording: Recording, begin_ns: int, end_ns: int) -> Recordin
 def _check_same(first: Recording, other: Recording) -> None:
     if first.start_utc_ns is None or other.start_utc_ns is None:
         unknown = first if first.start_utc_ns is None else other
-        msg = f"the start of {unknown.name} is not known; give --time-pattern."
-        raise DataError(msg)
+        raise DataError(f"the start of {unknown.name} is not known; give --time-pattern.")
     same = (
         first.sample_rate_hz == other.sample_rate_hz
         and first.n_channels == other.n_channels
         and first.sensor.equals(other.sensor)
     )
     if not same:
-        msg = f"{first.name} and {other.name} differ in sensor, channels or rate."
-        raise DataError(msg)
+        raise DataError(f"{first.name} and {other.name} differ in sensor, channels or rate.")
 
 
 def _position(first: Recording, other: Recording) -> int:

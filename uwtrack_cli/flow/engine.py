@@ -294,11 +294,9 @@ def _as_argument(step: Step, wanted: Input, found: Sequence[Container]) -> Any:
     if wanted.is_list and (found or wanted.is_optional):
         return list(found)
     if not found and not wanted.is_optional:
-        msg = f"{step.name} needs {kinds}, and the input has none."
-        raise DataError(msg)
+        raise DataError(f"{step.name} needs {kinds}, and the input has none.")
     if len(found) > 1:
-        msg = f"{step.name} takes one {kinds}, and the input has {len(found)}."
-        raise DataError(msg)
+        raise DataError(f"{step.name} takes one {kinds}, and the input has {len(found)}.")
     return found[0] if found else None
 
 

@@ -78,8 +78,7 @@ def run_jobs(
         The scheduler does not answer.
     """
     if n_workers < 1:
-        msg = f"--jobs must be 1 or more, got {n_workers}."
-        raise OptionError(msg)
+        raise OptionError(f"--jobs must be 1 or more, got {n_workers}.")
     numbered = dict(enumerate(jobs))
     if scheduler is None and n_workers == 1:
         for number, job in looked_over(numbered):
@@ -107,8 +106,7 @@ def _on_cluster(jobs: Mapping[int, Job], address: str) -> Iterator[tuple[int, Ou
             address, timeout=CONNECT_S, set_as_default=False
         )
     except (OSError, ValueError, TypeError) as error:
-        msg = f"the scheduler {address} does not answer ({error})."
-        raise DataError(msg) from error
+        raise DataError(f"the scheduler {address} does not answer ({error}).") from error
     with _without_logs(), client:
         pool = client.get_executor(pure=False, retries=RETRIES)
         futures = {pool.submit(run_job, job): number for number, job in jobs.items()}
@@ -117,11 +115,10 @@ def _on_cluster(jobs: Mapping[int, Job], address: str) -> Iterator[tuple[int, Ou
                 yield futures[future], future.result()
         except (CancelledError, OSError, TimeoutError) as error:
             reason = str(error) or type(error).__name__
-            msg = (
+            raise DataError(
                 f"the scheduler {address} is lost ({reason}); what was made is kept: "
                 f"start one again and give --resume."
-            )
-            raise DataError(msg) from error
+            ) from error
         finally:
             for future in futures:
                 future.cancel()

@@ -291,11 +291,10 @@ def run(
     path = Path(source)
     unknown = set(source_options) - set(SourceOptions.__annotations__)
     if unknown:
-        msg = (
+        raise OptionError(
             f"run has no option {min(unknown)!r}; it has recipe, settings, keep, "
             f"output, overwrite, progress, {', '.join(SourceOptions.__annotations__)}."
         )
-        raise OptionError(msg)
     recording = open_with_options(path, _opening(source_options))
     chosen = recipe or usual_recipe([recording.sensor])
     if not isinstance(chosen, Recipe):

@@ -90,11 +90,10 @@ def rung_steps(steps: Sequence[Step], recording: Recording) -> list[Step]:
     ordered = sorted(steps, key=_window_s)
     for one, two in pairwise(ordered):
         if rung_label(_window_s(one)) == rung_label(_window_s(two)):
-            msg = (
+            raise OptionError(
                 f"--window-s {_window_s(two):g} is given twice; each rung has frames of "
                 f"another length."
             )
-            raise OptionError(msg)
     if ordered != list(steps):
         lengths = ", ".join(f"{_window_s(step):g}" for step in ordered)
         warn(f"the rungs are taken in the order of their lengths: {lengths} s.")

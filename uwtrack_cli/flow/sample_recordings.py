@@ -98,8 +98,7 @@ def remake_samples(directory: Path, into: Path | None = None) -> tuple[Path, ...
     """
     scenarios = sorted(directory.glob(f"*{SCENARIO_SUFFIX}"))
     if not scenarios:
-        msg = f"{directory} holds no file that ends with {SCENARIO_SUFFIX}."
-        raise DataError(msg)
+        raise DataError(f"{directory} holds no file that ends with {SCENARIO_SUFFIX}.")
     target = directory if into is None else into
     return tuple(
         written

@@ -271,23 +271,20 @@ def demultiplex(recording: Recording) -> Recording:
     """
     sensor, rate = recording.sensor, recording.sample_rate_hz
     if recording.reader is None or not sensor.is_multiplexed:
-        msg = f"{recording.name} is no audio of a buoy that was opened for reading."
-        raise DataError(msg)
+        raise DataError(f"{recording.name} is no audio of a buoy that was opened for reading.")
     if rate < LEAST_RATE_HZ or not rate.is_integer():
-        msg = (
+        raise DataError(
             f"{recording.name} has {rate:g} samples per second; the multiplex of a DIFAR "
             f"buoy reaches up to 18 kHz and needs a whole number of {LEAST_RATE_HZ} or "
             f"more, as a rule 48000."
         )
-        raise DataError(msg)
     demultiplexer = Demultiplexer(int(rate), **_facts(sensor))
     reader = DifarReader(
         recording.reader, demultiplexer, recording.name, sensor.clock_error_ppm or 0.0
     )
     n_samples = recording.n_samples * RATE_HZ // int(rate)
     if n_samples < 1:
-        msg = f"{recording.name} is too short: it holds no sample at {RATE_HZ} Hz."
-        raise DataError(msg)
+        raise DataError(f"{recording.name} is too short: it holds no sample at {RATE_HZ} Hz.")
     return replace(
         recording,
         sensor=replace(sensor, channels="omni,east,north"),

@@ -65,8 +65,7 @@ def open_with_options(
         The sound speed is not positive, or an option does not fit the recording.
     """
     if path.is_dir():
-        msg = f"{path} is a folder, not a file; uwtrack batch runs over what it holds."
-        raise DataError(msg)
+        raise DataError(f"{path} is a folder, not a file; uwtrack batch runs over what it holds.")
     chosen = {**NO_OPTIONS, **options}
     start_utc_ns = find_start_utc_ns(
         path,
@@ -146,11 +145,10 @@ def _as_told(recording: Recording, chosen: Mapping[str, Any]) -> Recording:
 
 def _with_own_ship(sensor: Sensor, path: Path) -> Sensor:
     if sensor.heading_source == "fixed":
-        msg = (
+        raise DataError(
             f"array {sensor.id!r} has heading_deg in its sensor file, so it is fixed, "
             f"and --own-ship {path} moves it: leave out one of them."
         )
-        raise DataError(msg)
     if sensor.navigation is not None:
         warn(f"{path} is taken instead of the navigation of sensor {sensor.id!r}.")
     return replace(sensor, navigation=read_navigation(path))
@@ -179,11 +177,10 @@ def from_true_north(sensor: Sensor, start_utc_ns: int | None) -> Sensor:
         longitude = sensor.navigation.origin_longitude
     if latitude is None or longitude is None or start_utc_ns is None:
         lacks = "start of its recording" if latitude is not None else "latitude"
-        msg = (
+        raise DataError(
             f'declination_deg = "place" of sensor {sensor.id!r} needs latitude, longitude '
             f"and the start of the recording (--start-utc); there is no {lacks}."
         )
-        raise DataError(msg)
     begin = datetime.fromtimestamp(start_utc_ns / NANOSECONDS, UTC)
     new_year = [datetime(begin.year + k, 1, 1, tzinfo=UTC) for k in (0, 1)]
     share = (begin - new_year[0]) / (new_year[1] - new_year[0])
@@ -191,14 +188,12 @@ def from_true_north(sensor: Sensor, start_utc_ns: int | None) -> Sensor:
     try:
         declination_deg = magnetic_declination_deg(latitude, longitude, year)
     except ImportError as error:
-        msg = (
+        raise DataError(
             f'declination_deg = "place" needs pygeomag ({error}); pip install '
             f"'uwtrack[declination]', or give the declination in degrees."
-        )
-        raise DataError(msg) from error
+        ) from error
     except ValueError as error:
-        msg = f"{error}; give declination_deg in degrees."
-        raise DataError(msg) from error
+        raise DataError(f"{error}; give declination_deg in degrees.") from error
     note(
         f"sensor {sensor.id!r} is given a declination of {declination_deg:.2f} degrees, "
         f"of the World Magnetic Model."

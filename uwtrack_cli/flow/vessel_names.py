@@ -129,8 +129,7 @@ def tracks_past(
         The place of the sensor or the start of the recording is not known.
     """
     if recording is None:
-        msg = f"the recording of sensor {sensor.id!r} is not known."
-        raise DataError(msg)
+        raise DataError(f"the recording of sensor {sensor.id!r} is not known.")
     vessels.check(recording)
     origin = origin_of(sensor)
     shift_s = RecordedSensors([sensor], [recording]).shift_s(sensor.id, vessels.truth)

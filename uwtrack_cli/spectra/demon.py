@@ -145,8 +145,7 @@ def demodulate(
     K bands with B Hz each the noise has the density 1 / (K B) per Hz, but for overlap.
     """
     if recording.reader is None:
-        msg = f"{recording.name} was not opened for reading; open the sound file again."
-        raise DataError(msg)
+        raise DataError(f"{recording.name} was not opened for reading; open the sound file again.")
     given = {"band_hz": band_hz, "window_s": window_s, "rate_hz": rate_hz, "decimation": decimation}
     known = {**given, **resolve_demon(recording, given)}
     if known["band_hz"] is None or known["window_s"] is None:
@@ -206,30 +205,27 @@ def _plan(
     highest_hz = 0.5 * fs * (PASS_SHARE if counts.decimation > 1 else 1.0)
     after = "" if counts.decimation == 1 else f" after decimation by {counts.decimation}"
     if band_hz[1] > highest_hz:
-        msg = (
+        raise OptionError(
             f"band_hz = {band_hz[0]:g} {band_hz[1]:g} reaches above {highest_hz:g} Hz, "
             f"all that {recording.name} holds{after}; give a band below it, or none."
         )
-        raise OptionError(msg)
     if fs < _least_rate_hz(rate_hz):
-        msg = (
+        raise OptionError(
             f"rates up to {rate_hz[1]:g} Hz need a sample rate of "
             f"{_least_rate_hz(rate_hz):g} Hz or more, and {recording.name} has {fs:g} Hz"
             f"{after}; lower the upper limit of rate_hz."
         )
-        raise OptionError(msg)
     window = HOPS * round(WINDOW_RATES / rate_hz[1] * fs / HOPS)
     envelope = EnvelopePlan(fs, window, _cells(band_hz, window, fs), counts.n_bands)
     length = max(16, round(window_s * envelope.rate_hz))
     hop = max(1, round(length * (1.0 - counts.overlap)))
     length = round(hop / (1.0 - counts.overlap))  # so that the overlap is as stated
     if recording.duration_s < window_s + window / fs:
-        msg = (
+        raise DataError(
             f"{recording.name} lasts {recording.duration_s:g} s, less than one window of "
             f"{window_s:g} s of its envelope; give a shorter one (demon --window-s, or "
             "run --set demon.window_s=SECONDS)."
         )
-        raise DataError(msg)
     fft_length = length * counts.zero_padding
     kept = _kept(envelope, fft_length, rate_hz)
     return _Layout(envelope, length, hop, fft_length, kept, counts.decimation)
@@ -242,12 +238,11 @@ def _cells(band_hz: tuple[float, float], window: int, fs: float) -> slice:
     frequency = np.fft.rfftfreq(length, 1.0 / fs)
     inside = np.flatnonzero((frequency >= band_hz[0]) & (frequency <= band_hz[1]))
     if inside.size < FEWEST_CELLS:
-        msg = (
+        raise OptionError(
             f"band_hz = {band_hz[0]:g} {band_hz[1]:g} is too narrow: it must be "
             f"{FEWEST_CELLS * fs / length:.4g} Hz wide for rates of this range; widen it, "
             "or lower the upper limit of rate_hz."
         )
-        raise OptionError(msg)
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 
@@ -255,12 +250,11 @@ def _kept(envelope: EnvelopePlan, fft_length: int, rate_hz: tuple[float, float])
     frequency = np.fft.rfftfreq(fft_length, 1.0 / envelope.rate_hz)
     inside = np.flatnonzero((frequency >= rate_hz[0]) & (frequency <= rate_hz[1]))
     if inside.size < 8:
-        msg = (
+        raise OptionError(
             f"rate_hz = {rate_hz[0]:g} {rate_hz[1]:g} holds {inside.size} cells of "
             f"{envelope.rate_hz / fft_length:.3g} Hz; at least 8 are needed: widen it, or "
             "lengthen window_s."
         )
-        raise OptionError(msg)
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 

@@ -167,8 +167,7 @@ class PipeStream(ByteStream):
             self.stalls_s.append(read_s)
         if not piece and self._failure is not None:
             reason = self._failure.strerror or self._failure
-            msg = f"cannot read {self.name}: {reason}."
-            raise DataError(msg)
+            raise DataError(f"cannot read {self.name}: {reason}.")
         return piece
 
     def _read(self) -> None:
@@ -289,14 +288,12 @@ def open_standard_input(idle_s: float | None) -> PipeStream:
     name = "standard input"
     stream = standard_input()
     if stream is None:
-        msg = "standard input is closed: there is no sound."
-        raise DataError(msg)
+        raise DataError("standard input is closed: there is no sound.")
     if stream.isatty():
-        msg = (
+        raise DataError(
             "standard input is a terminal: send sound through a pipe, as with "
             "sox FILE -t wav - | uwtrack run - -o pass.run.h5."
         )
-        raise DataError(msg)
     try:
         number = os.dup(stream.fileno())
     except (OSError, io.UnsupportedOperation):  # a stream without a file

@@ -168,11 +168,10 @@ class LiveReader:
             begin = self._start + first_sample * frame
             content = self.stream.again(begin, n_samples * frame)
         if content is None:
-            msg = (
+            raise DataError(
                 f"samples {first_sample} to {first_sample + n_samples} of "
                 f"{self.stream.name} are not at hand, of {self.n_samples} that came."
             )
-            raise DataError(msg)
         block = self.header.sample_format.decode(content, self.header.n_channels)
         return block[:, list(self.columns)]
 
@@ -229,12 +228,11 @@ class LiveReader:
         content = self.stream.take(wanted)
         if self.is_raw and not self._taken and _is_text(content):
             start = content.split(b"\n")[0][:40].decode(errors="replace").strip()
-            msg = (
+            raise DataError(
                 f"{self.stream.name} gives text, which begins with {start!r}, and --raw "
                 f"takes samples: look at what the program writes, and have it write its "
                 f"messages to standard error."
             )
-            raise DataError(msg)
         self._taken += len(content)
         odd = len(content) % header.frame_bytes
         if odd:

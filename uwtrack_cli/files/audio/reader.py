@@ -39,8 +39,7 @@ def file_stamp(path: Path) -> tuple[int, int]:
     try:
         facts = path.stat()
     except OSError as error:
-        msg = f"cannot read {path}: {error.strerror or error}."
-        raise DataError(msg) from error
+        raise DataError(f"cannot read {path}: {error.strerror or error}.") from error
     return facts.st_size, facts.st_mtime_ns
 
 
@@ -97,8 +96,7 @@ class AudioReader:
                 )
                 return segment_without_dropouts(read, span, bounds, file.samplerate)
         except (soundfile.SoundFileError, RuntimeError, OSError) as error:
-            msg = f"{self.path} cannot be read again: {error}."
-            raise DataError(msg) from error
+            raise DataError(f"{self.path} cannot be read again: {error}.") from error
 
     def _blocks(self, block_samples: int) -> Iterator[Samples]:
         tally = Tally(len(self.columns))
@@ -110,11 +108,9 @@ class AudioReader:
                     self._read_blocks(file, block_samples, tally), dropouts, block_samples
                 )
         except (soundfile.SoundFileError, RuntimeError, OSError) as error:
-            msg = f"{self.path} cannot be read further: {error}."
-            raise DataError(msg) from error
+            raise DataError(f"{self.path} cannot be read further: {error}.") from error
         if self.stamp is not None and file_stamp(self.path) != self.stamp:
-            msg = f"{self.path} changed while it was read; run again when it is whole."
-            raise DataError(msg)
+            raise DataError(f"{self.path} changed while it was read; run again when it is whole.")
         if not self.has_warned:
             self.has_warned = True
             said = tally.problems(self.path.name, self.columns)
@@ -142,12 +138,11 @@ class AudioReader:
             part = file.read(wanted, dtype=dtype, always_2d=True)
             if part.shape[0] < wanted:
                 end = start + offset + part.shape[0]
-                msg = (
+                raise DataError(
                     f"{self.path} ends at {end / file.samplerate:.3f} s, its header "
                     f"promises {self.last / file.samplerate:.3f} s; "
                     f"give --stop-s {end / file.samplerate:.3f} to use what is there."
                 )
-                raise DataError(msg)
             chosen = part if is_whole else part[:, list(self.columns)]
             np.multiply(chosen, scale, out=block[offset : offset + wanted])
         if not (is_short or np.isfinite(block).all()):

@@ -72,8 +72,7 @@ class Table:
 
     def fail(self, row: int, reason: str) -> NoReturn:
         """Refuse a row, by its line in the file."""
-        msg = f"{self.where(row)}: {reason}"
-        raise DataError(msg)
+        raise DataError(f"{self.where(row)}: {reason}")
 
     def refuse(self, row: int, reason: str) -> None:
         """Refuse a row, or note it where single rows may be damaged."""
@@ -96,11 +95,10 @@ class Table:
             first = f"line {line}: {damaged[line].rstrip('.')}"
             count = len(kept) + len(damaged)
             if len(kept) < len(damaged):
-                msg = (
+                raise DataError(
                     f"{self.path}, {first}; so are {len(damaged)} of {count} rows: the "
                     f"table is not what it seems."
                 )
-                raise DataError(msg)
             are = "row is" if len(damaged) == 1 else "rows are"
             note(
                 f"{self.path}: {len(damaged)} damaged {are} left out of {count}; the "
@@ -118,11 +116,10 @@ class Table:
         missing = [name for name in names if name not in self.cells]
         if missing:
             columns = "column" if len(missing) == 1 else "columns"
-            msg = (
+            raise DataError(
                 f"{self.path} lacks the {columns} {', '.join(missing)}; "
                 f"it has: {_some(self.cells)}."
             )
-            raise DataError(msg)
 
     def numbers(
         self, name: str, low: float = -np.inf, high: float = np.inf, *, may_miss: bool = False
@@ -189,8 +186,9 @@ class Table:
         for name in unused:
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.8)
             if near:
-                msg = f"{self.path}: unknown column {shown(name)}; did you mean {near[0]!r}?"
-                raise DataError(msg)
+                raise DataError(
+                    f"{self.path}: unknown column {shown(name)}; did you mean {near[0]!r}?"
+                )
         if unused:
             warn(f"{self.path}: columns not used: {_some(unused)}.")
 
@@ -210,8 +208,7 @@ def read_table(path: Path, heading: str = "", *, may_be_damaged: bool = False) -
     """
     check_readable(path)
     if path.stat().st_size > MAX_BYTES:
-        msg = f"{path} is larger than {MAX_BYTES >> 20} MB; split it."
-        raise DataError(msg)
+        raise DataError(f"{path} is larger than {MAX_BYTES >> 20} MB; split it.")
     try:
         with as_input(path).open(encoding="utf-8-sig", newline="") as file:
             rows = _rows(path, file, heading, is_strict=not may_be_damaged)
@@ -219,8 +216,7 @@ def read_table(path: Path, heading: str = "", *, may_be_damaged: bool = False) -
     except (UnicodeDecodeError, csv.Error) as error:
         is_text = not isinstance(error, UnicodeDecodeError)
         why = f"{error}" if is_text else "it is no text in UTF-8"
-        msg = f"{path} is no CSV table ({why})."
-        raise DataError(msg) from error
+        raise DataError(f"{path} is no CSV table ({why}).") from error
 
 
 def read_declared(path: Path, kind: type[Container], *others: str) -> Table:
@@ -282,8 +278,7 @@ def _table(path: Path, rows: Iterator[tuple[int, list[str]]], *, is_strict: bool
     """Gather rows by column; a cell that occurs often is kept once."""
     _, header = next(rows, (0, None))
     if header is None:
-        msg = f"{path} holds no table: there is no line with column names."
-        raise DataError(msg)
+        raise DataError(f"{path} holds no table: there is no line with column names.")
     columns: dict[str, list[str]] = {name: [] for name in _names(path, header)}
     lists, lines, known = list(columns.values()), list[int](), dict[str, str]()
     damaged = dict[int, str]()
@@ -293,8 +288,7 @@ def _table(path: Path, rows: Iterator[tuple[int, list[str]]], *, is_strict: bool
             _fail_first(path, damaged if is_strict else {})
             continue
         if (len(lines) + 1) * len(lists) > MAX_CELLS:
-            msg = f"{path} has more than {MAX_CELLS} cells; split it."
-            raise DataError(msg)
+            raise DataError(f"{path} has more than {MAX_CELLS} cells; split it.")
         lines.append(line)
         if len(known) > MAX_KNOWN:
             known.clear()
@@ -302,8 +296,7 @@ def _table(path: Path, rows: Iterator[tuple[int, list[str]]], *, is_strict: bool
             column.append(known.setdefault(cell, cell))
     if not lines:
         _fail_first(path, damaged)
-        msg = f"{path} has column names, but no rows."
-        raise DataError(msg)
+        raise DataError(f"{path} has column names, but no rows.")
     return Table(path, columns, lines, None if is_strict else damaged)
 
 
@@ -320,8 +313,7 @@ def _uneven(cells: list[str], names: list[str]) -> str:
 def _fail_first(path: Path, damaged: Mapping[int, str]) -> None:
     """Refuse a table by the first of its damaged lines, if there is one."""
     for line, reason in damaged.items():
-        msg = f"{path}, line {line}: {reason}"
-        raise DataError(msg)
+        raise DataError(f"{path}, line {line}: {reason}")
 
 
 def _rows(
@@ -343,8 +335,7 @@ def _rows(
     delimiter = max(",;\t", key=first[1].count)
     for line, text in itertools.chain([first], numbered):
         if text.count(delimiter) >= MAX_COLUMNS:
-            msg = f"{path}, line {line}: more than {MAX_COLUMNS} columns are not read."
-            raise DataError(msg)
+            raise DataError(f"{path}, line {line}: more than {MAX_COLUMNS} columns are not read.")
         cells = text.split(delimiter)
         if '"' in text:
             try:
@@ -361,8 +352,9 @@ def _names(path: Path, header: list[str]) -> list[str]:
     names = [ALIASES.get(name, name) for name in plain]
     for name, times in Counter(names).items():
         if not name or times > 1:
-            msg = f"{path}: column {shown(name)} is empty or named twice: {_some(header)}."
-            raise DataError(msg)
+            raise DataError(
+                f"{path}: column {shown(name)} is empty or named twice: {_some(header)}."
+            )
     return names
 
 

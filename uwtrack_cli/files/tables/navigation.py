@@ -48,11 +48,10 @@ def read_navigation(path: Path | str) -> Navigation:
     elif "speed_mps" in table or "speed_kn" in table:
         values |= _integrated(table, values["time_s"])
     else:
-        msg = (
+        raise DataError(
             f"{path} has no positions: east_m and north_m, or latitude and longitude, "
             f"or speed_mps (speed_kn) and course_deg; it has {', '.join(table.cells)}."
         )
-        raise DataError(msg)
     return Navigation(**values | {"heading_deg": values["heading_deg"] % 360.0})
 
 
@@ -68,8 +67,7 @@ def _geographic(table: Table) -> dict[str, Any]:
 
 def _integrated(table: Table, time_s: FloatArray) -> dict[str, Any]:
     if "speed_mps" in table and "speed_kn" in table:
-        msg = f"{table.path} gives the speed twice: speed_mps and speed_kn."
-        raise DataError(msg)
+        raise DataError(f"{table.path} gives the speed twice: speed_mps and speed_kn.")
     table.need("course_deg")
     unit = KNOT_MPS if "speed_kn" in table else 1.0
     name = "speed_kn" if "speed_kn" in table else "speed_mps"

@@ -208,20 +208,17 @@ class SensorTable:
             Keys are missing, exclude each other, or cannot be true together.
         """
         if not (self.id.strip() and self.id.isprintable() and len(self.id) <= MAX_ID):
-            msg = (
+            raise OptionError(
                 f"id must be a text of 1 to {MAX_ID} characters that can be printed, "
                 f"got {shown(self.id)}."
             )
-            raise OptionError(msg)
         for one, other in (("latitude", "longitude"), ("east_m", "north_m")):
             given = [key for key in (one, other) if getattr(self, key) is not None]
             if len(given) == 1:
                 missing = other if given == [one] else one
-                msg = f"{given[0]} is given without {missing}."
-                raise OptionError(msg)
+                raise OptionError(f"{given[0]} is given without {missing}.")
         if self.latitude is not None and self.east_m is not None:
-            msg = "give latitude and longitude, or east_m and north_m, not both."
-            raise OptionError(msg)
+            raise OptionError("give latitude and longitude, or east_m and north_m, not both.")
         if self.kind == "array":
             self._check_array()
         else:
@@ -234,91 +231,79 @@ class SensorTable:
         used = [name for name in self.channels or [] if name != "-"]
         given = [key for key in PLACE_KEYS if getattr(self, key) is not None]
         if len(given) > 1:
-            msg = (
+            raise OptionError(
                 f"an array has {' or '.join(PLACE_KEYS)}, not both: the first for a "
                 f"line, the second for any other shape."
             )
-            raise OptionError(msg)
         key = given[0] if given else PLACE_KEYS[0]
         places: list[Any] = getattr(self, key) or []
         if len(used) != len(places) or len(used) < FEWEST_ELEMENTS:
-            msg = (
+            raise OptionError(
                 f"an array needs a channel and a place in {key} for each of "
                 f"at least {FEWEST_ELEMENTS} hydrophones, got {len(used)} channels to "
                 f'use and {len(places)} places; "-" leaves a channel out.'
             )
-            raise OptionError(msg)
         wrong = [n for n in used if used.count(n) > 1 or "," in n or not n.strip()]
         if wrong:
-            msg = (
+            raise OptionError(
                 f"channels of an array must have names of their own without a comma, "
                 f"got {shown(wrong[0])}."
             )
-            raise OptionError(msg)
         twice = [place for place in places if places.count(place) > 1]
         if twice:
             where = " ".join(f"{value:g}" for value in np.ravel(twice[0]))
-            msg = (
+            raise OptionError(
                 f"{key} puts two hydrophones at {where} m: give each its "
                 f'own place, or leave one out with channel name "-".'
             )
-            raise OptionError(msg)
         spread = np.reshape(np.array(places, float), (len(places), -1))
         spans = np.linalg.svd(spread - spread.mean(axis=0), compute_uv=False)
         aperture_m = float(np.ptp(spread, axis=0).max())
         if not APERTURES_M[0] <= aperture_m <= APERTURES_M[1]:
-            msg = (
+            raise OptionError(
                 f"{key} spans {aperture_m:g} m; arrays have "
                 f"{APERTURES_M[0]:g} to {APERTURES_M[1]:g} m. Are the places in metres?"
             )
-            raise OptionError(msg)
         if spans.size > 1 and spans[1] < STRAIGHT_SHARE * spans[0]:
-            msg = (
+            raise OptionError(
                 "element_positions_m lie on one line, which measures an angle and no "
                 "bearing: give element_along_m, the positions along that line."
             )
-            raise OptionError(msg)
         self._check_tow()
 
     def _check_tow(self) -> None:
         if self.navigation is None:
             return
         if self.heading_deg is not None:
-            msg = "an array has heading_deg (it is fixed) or navigation, not both."
-            raise OptionError(msg)
+            raise OptionError("an array has heading_deg (it is fixed) or navigation, not both.")
         for key, meaning in TOW_KEYS.items():
             if getattr(self, key) is None:
-                msg = f"an array with navigation needs {key}: {meaning}."
-                raise OptionError(msg)
+                raise OptionError(f"an array with navigation needs {key}: {meaning}.")
 
     def _check_dipoles(self) -> None:
         own = [key for key in DIPOLE_KEYS if getattr(self, key) is not None]
         if own and self.kind not in {"difar", "difar-multiplexed"}:
-            msg = f'{own[0]} belongs to a sensor with dipoles: give kind = "difar".'
-            raise OptionError(msg)
+            raise OptionError(f'{own[0]} belongs to a sensor with dipoles: give kind = "difar".')
 
     def _check_multiplex(self) -> None:
         own = [key for key in MULTIPLEX_KEYS if getattr(self, key) is not None]
         if own and self.kind != "difar-multiplexed":
-            msg = f'{own[0]} belongs to a buoy: give kind = "difar-multiplexed".'
-            raise OptionError(msg)
+            raise OptionError(f'{own[0]} belongs to a buoy: give kind = "difar-multiplexed".')
         axes = sorted(name.removeprefix("-") for name in self.multiplex or DIPOLES)
         if axes != ["east", "north"]:
-            msg = f"multiplex names each dipole once, got {list(self.multiplex or ())}."
-            raise OptionError(msg)
+            raise OptionError(
+                f"multiplex names each dipole once, got {list(self.multiplex or ())}."
+            )
         edges = [frequency_hz for frequency_hz, _ in self.response_db or [(1.0, 0.0)]]
         if not edges or edges != sorted(set(edges)):
-            msg = f"frequencies of response_db must increase, got {edges}."
-            raise OptionError(msg)
+            raise OptionError(f"frequencies of response_db must increase, got {edges}.")
 
     def _check_channels(self) -> None:
         own = [key for key in ARRAY_KEYS if getattr(self, key) is not None]
         if own:
-            msg = f'{own[0]} belongs to an array: give kind = "array".'
-            raise OptionError(msg)
+            raise OptionError(f'{own[0]} belongs to an array: give kind = "array".')
         if self.channels is None and self.kind == "difar":
-            msg = 'a difar sensor needs channels = ["omni", "east", "north"].'
-            raise OptionError(msg)
+            raise OptionError('a difar sensor needs channels = ["omni", "east", "north"].')
         names = self.channel_names
         used = sorted(name for name in names if name != "-")
         sole = SOLE_CHANNEL.get(self.kind)
@@ -327,14 +312,12 @@ class SensorTable:
             wanted = f'"{sole}" once' if sole else (
                 '"omni", "east", "north" or "omni", "x", "y", each once'
             )  # fmt: skip
-            msg = (
+            raise OptionError(
                 f"channels of a {self.kind} sensor must be {wanted} in file order, "
                 f'with "-" for one to leave out, got {names}.'
             )
-            raise OptionError(msg)
         if "x" in names and self.heading_deg is None and self.navigation is None:
-            msg = 'channels "x" and "y" turn with the housing: give heading_deg.'
-            raise OptionError(msg)
+            raise OptionError('channels "x" and "y" turn with the housing: give heading_deg.')
 
     def _check_calibration(self) -> None:
         terms = {key: getattr(self, key) for key in USUAL}
@@ -342,24 +325,21 @@ class SensorTable:
         if len(missing) == len(terms):
             return
         if self.full_scale_db is not None:
-            msg = f"give full_scale_db, or {', '.join(terms)}, not both."
-            raise OptionError(msg)
+            raise OptionError(f"give full_scale_db, or {', '.join(terms)}, not both.")
         if missing:
-            msg = (
+            raise OptionError(
                 f"a calibration needs {', '.join(terms)}; {', '.join(missing)} is "
                 f"missing. Give all three, or full_scale_db, or none if unknown."
             )
-            raise OptionError(msg)
         level_db = 20.0 * math.log10(terms["adc_peak_v"])
         level_db -= terms["sensitivity_db_re_v_per_upa"] + terms["gain_db"]
         if not FULL_SCALE_DB[0] <= level_db <= FULL_SCALE_DB[1]:
             wrong = max(USUAL, key=lambda key: _oddness_db(key, terms[key]))
-            msg = (
+            raise OptionError(
                 f"the calibration gives a full-scale sample {level_db:.4g} dB re 1 uPa, "
                 f"outside {FULL_SCALE_DB[0]:g} to {FULL_SCALE_DB[1]:g}; {wrong} = "
                 f"{terms[wrong]:g} looks wrong ({HINTS[wrong]})."
             )
-            raise OptionError(msg)
 
     @property
     def channel_names(self) -> list[str]:
@@ -469,11 +449,10 @@ def find_sensor(recording: Path | str, sensor_file: Path | str | None = None) ->
     matching = [d.sensor for d in deployed if _matches(recording, d.files)]
     if len(matching) != 1:
         ids = ", ".join(repr(s.id) for s in matching) or "none"
-        msg = (
+        raise DataError(
             f"{sensor_file}: exactly one sensor must claim {recording.name} with its "
             f"`files` patterns, found {ids}."
         )
-        raise DataError(msg)
     return matching[0]
 
 
@@ -506,8 +485,7 @@ def load_sensor(path: Path | str) -> Sensor:
     """
     deployed = load_deployment(Path(path))
     if len(deployed) != 1:
-        msg = f"{path} describes {len(deployed)} sensors; a single one is needed here."
-        raise DataError(msg)
+        raise DataError(f"{path} describes {len(deployed)} sensors; a single one is needed here.")
     return deployed[0].sensor
 
 
@@ -524,8 +502,7 @@ def load_deployment(path: Path | str) -> list[DeployedSensor]:
     try:
         deployed = _deployed(content, path)
     except OptionError as error:
-        msg = f"{path}: {error}"
-        raise DataError(msg) from error
+        raise DataError(f"{path}: {error}") from error
     for item in deployed:
         _remark_on_speed(item.sensor, path)
     return deployed
@@ -538,20 +515,17 @@ def _deployed(content: dict[str, Any], path: Path) -> list[DeployedSensor]:
     tables = content["sensor"]
     if set(content) != {"sensor"}:
         unknown = next(key for key in content if key != "sensor")
-        msg = f"unknown key {unknown!r} beside the [[sensor]] tables."
-        raise OptionError(msg)
+        raise OptionError(f"unknown key {unknown!r} beside the [[sensor]] tables.")
     is_list = isinstance(tables, list) and all(isinstance(t, dict) for t in tables)
     if not is_list or not tables:
-        msg = "sensors are given as one [[sensor]] table each."
-        raise OptionError(msg)
+        raise OptionError("sensors are given as one [[sensor]] table each.")
     found: list[DeployedSensor] = []
     for number, given in enumerate(tables, 1):
         table = from_table(DeployedSensorTable, given, f"sensor {number}")
         files = [table.files] if isinstance(table.files, str) else table.files
         sensor = table.sensor(path.parent)
         if any(sensor.id == other.sensor.id for other in found):
-            msg = f"the id {sensor.id!r} is given twice; each sensor needs its own."
-            raise OptionError(msg)
+            raise OptionError(f"the id {sensor.id!r} is given twice; each sensor needs its own.")
         found.append(DeployedSensor(sensor=sensor, files=tuple(files)))
     return found
 

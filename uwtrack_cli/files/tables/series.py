@@ -69,11 +69,10 @@ def read_series(path: Path | str, *, sensors: Sequence[Sensor] | None = None) ->
     if "sensor" not in table:
         check_increasing(table, values["time_s"], values["contact"])
         if sensors:
-            msg = (
+            raise DataError(
                 f"{table.path} has no column sensor: its rows cannot be assigned to "
                 f"the sensors of the file."
             )
-            raise DataError(msg)
     _remark_on_radians(table, values["bearing_deg"])
     values["mirrored_bearing_deg"] = _mirrored(table, values)
     values["bearing_deg"] = values["bearing_deg"] % 360.0
@@ -186,11 +185,10 @@ def _mirrored(table: Table, values: Mapping[str, Any]) -> FloatArray | None:
     mirrored: FloatArray | None = values["mirrored_bearing_deg"]
     if "array_heading_deg" in table:
         if mirrored is not None:
-            msg = (
+            raise DataError(
                 f"{table.path} gives the array's other side twice: array_heading_deg "
                 f"and mirrored_bearing_deg."
             )
-            raise DataError(msg)
         heading = table.measured("array_heading_deg", BEARING)
         mirrored = 2.0 * heading - values["bearing_deg"]
     return None if mirrored is None else mirrored % 360.0

@@ -101,11 +101,10 @@ def _replay(containers: list[Container], name: str, *, with_tracks: bool) -> str
     lines = replay_lines(series, told, with_tracks=with_tracks)
     text = "".join(f"{line}\n" for line in lines)
     if not text:
-        msg = (
+        raise DataError(
             f"{name} has no table of bearings, and no positions with latitude, longitude "
             f"and UTC: that is what a REP file holds (a DSF file: the bearings)."
         )
-        raise DataError(msg)
     return text
 
 
@@ -148,8 +147,7 @@ def _chosen(
             return found
         there = there or found
     if there is None:
-        msg = f"{product.name} holds no table; name one with --table."
-        raise DataError(msg)
+        raise DataError(f"{product.name} holds no table; name one with --table.")
     return _remarked(there, product.name)
 
 

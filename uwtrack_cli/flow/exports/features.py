@@ -61,11 +61,10 @@ def geographic_features(containers: Sequence[Container], name: str) -> list[Feat
     for motions in _of(containers, Motions):
         found += _motions(motions)
     if not found:
-        msg = (
+        raise DataError(
             f"{name} has nothing with latitude and longitude: give them in the sensor "
             f"file and run again, or export to csv."
         )
-        raise DataError(msg)
     _remark(containers, found, name)
     return found
 

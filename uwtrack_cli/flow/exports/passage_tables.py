@@ -118,18 +118,16 @@ def query_passages(table: PassageTable, query: str) -> list[Row]:
     try:
         kinds = [statement.type for statement in connection.extract_statements(query)]
         if kinds != [duckdb.StatementType.SELECT]:
-            msg = f"--sql takes one SELECT over passages and levels, got {query!r}."
-            raise OptionError(msg)
+            raise OptionError(f"--sql takes one SELECT over passages and levels, got {query!r}.")
         result = connection.execute(query)
         heads = [column[0] for column in result.description or ()]
         found = [dict(zip(heads, map(_plain, row), strict=True)) for row in result.fetchall()]
     except duckdb.Error as error:
         first = str(error).split("\n", 1)[0].rstrip("!.")
-        msg = (
+        raise OptionError(
             f"--sql is not understood: {first}. Columns of passages: "
             f"{', '.join(COLUMNS)}; of levels: {', '.join(LEVEL_COLUMNS)}."
-        )
-        raise OptionError(msg) from error
+        ) from error
     finally:
         connection.close()
     return found

@@ -42,8 +42,7 @@ class RecordedSensors:
         for known in self.sensors:
             if known.id == sensor:
                 return known
-        msg = f"the result does not say where sensor {sensor!r} was."
-        raise DataError(msg)
+        raise DataError(f"the result does not say where sensor {sensor!r} was.")
 
     def shift_s(self, sensor: str, truth: Truth) -> float:
         """Return what is added to times of the truth to get those of the result.
@@ -83,11 +82,10 @@ def clock_shift_s(truth: Truth, start_utc_ns: int | None, usual_s: float = 0.0) 
     if start_utc_ns is not None and truth.start_utc_ns is not None:
         return (truth.start_utc_ns - start_utc_ns) / NANOSECONDS
     if truth.is_geographic:
-        msg = (
+        raise DataError(
             f"{truth.name} is in UTC, and the start of the recording is not "
             f"known: run again with --start-utc or --time-pattern."
         )
-        raise DataError(msg)
     return usual_s
 
 
@@ -100,9 +98,8 @@ def origin_of(sensor: Sensor) -> Origin:
         Its latitude and longitude are not known.
     """
     if sensor.latitude is None or sensor.longitude is None:
-        msg = (
+        raise DataError(
             f"sensor {sensor.id!r} has no latitude and longitude, which AIS needs: "
             f"give them in its sensor file and run again."
         )
-        raise DataError(msg)
     return Origin(sensor.latitude, sensor.longitude)

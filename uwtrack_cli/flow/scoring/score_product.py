@@ -87,8 +87,7 @@ def score_product(
     recorded = RecordedSensors(product.read_all(Sensor), recordings, encounters)
     fixes = _read(product, Fixes, there)
     if encounters is None and fixes is None:
-        msg = f"{product.name} holds neither encounters nor fixes to score."
-        raise DataError(msg)
+        raise DataError(f"{product.name} holds neither encounters nor fixes to score.")
     passed = EncounterScores((), (), (), ())
     if encounters is not None:
         passed = score_encounters(encounters, truth, recorded, within_m=within_m)

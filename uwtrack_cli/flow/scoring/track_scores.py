@@ -141,8 +141,7 @@ def _on_grid(track: VesselTrack, truth: Truth, fixes: Fixes) -> tuple[FloatArray
     first, second = track.first, track.second
     if not truth.is_geographic:
         if truth.origin is None:
-            msg = f"{truth.name} does not say where its grid lies, and the fixes do."
-            raise DataError(msg)
+            raise DataError(f"{truth.name} does not say where its grid lies, and the fixes do.")
         if truth.origin == (latitude, longitude):
             return first, second
         first, second = to_latitude_longitude(first, second, Origin(*truth.origin))
@@ -240,8 +239,9 @@ def _paired_costs(
     from scipy.optimize import linear_sum_assignment
 
     if not (cutoff_m > 0.0 and order >= 1.0):
-        msg = f"cutoff_m must be positive and order 1 or more, got {cutoff_m}, {order}."
-        raise OptionError(msg)
+        raise OptionError(
+            f"cutoff_m must be positive and order 1 or more, got {cutoff_m}, {order}."
+        )
     apart = np.linalg.norm(estimated[:, None, :] - true[None, :, :], axis=-1)
     costs = np.minimum(apart, cutoff_m) ** order
     chosen: FloatArray = costs[linear_sum_assignment(costs)]
