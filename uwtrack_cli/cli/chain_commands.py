@@ -16,8 +16,7 @@ from uwtrack_cli.cli.command_factory import (
 )
 from uwtrack_cli.cli.console import progress_bar, say_wrote
 from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS, open_sources
-from uwtrack_cli.cli.result_output import is_shown, print_result
-from uwtrack_cli.cli.sensitivity import say_sensitivity
+from uwtrack_cli.cli.result_output import is_shown, print_result, say_sensitivity
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.directions import Delays
 from uwtrack_cli.data.encounters import Encounters, Fixes

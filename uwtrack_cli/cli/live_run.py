@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from uwtrack_cli.cli.command_factory import documented, flag_of
 from uwtrack_cli.cli.console import put, say, say_wrote, signals_end
-from uwtrack_cli.cli.sensitivity import say_sensitivity
+from uwtrack_cli.cli.result_output import say_sensitivity
 from uwtrack_cli.cli.targets import PIPE, WANTED_TWICE, product_name, refuse_no_pipe, writer_for
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.recording import LiveSource, Recording

@@ -18,8 +18,7 @@ from uwtrack_cli.cli.command_factory import (
 from uwtrack_cli.cli.console import progress_bar, put, say, say_wrote
 from uwtrack_cli.cli.live_run import LIVE_PARAMETERS, LiveOptions, live_target, run_live
 from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS, open_source
-from uwtrack_cli.cli.result_output import print_result
-from uwtrack_cli.cli.sensitivity import say_sensitivity
+from uwtrack_cli.cli.result_output import print_result, say_sensitivity
 from uwtrack_cli.cli.targets import PIPE, WANTED_TWICE
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
