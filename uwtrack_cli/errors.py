@@ -5,6 +5,10 @@ command line turns the two branches into exit codes: data errors end with 1 and
 usage errors with 2.
 """
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class UwtrackError(Exception):
     """Base of everything that uwtrack raises on purpose."""
@@ -32,3 +36,31 @@ class UwtrackWarning(UserWarning):
 
 class UwtrackNote(UwtrackWarning):
     """Something does not follow from the input; the result says so in its place."""
+
+
+def warn(text: str) -> None:
+    """Warn the caller of a function of something that it repaired or assumed."""
+    warnings.warn(text, UwtrackWarning, stacklevel=3)
+
+
+def note(text: str) -> None:
+    """Tell the caller of a function what does not follow; the result has it, too."""
+    warnings.warn(text, UwtrackNote, stacklevel=3)
+
+
+@contextmanager
+def needing(what: str, extra: str, kind: type[UwtrackError] = DataError) -> Iterator[None]:
+    """Say how a library that is asked for within is installed.
+
+    ``what``: who needs which library. ``extra``: the extra of the package that has it.
+
+    Raises
+    ------
+    UwtrackError
+        It is not installed: ``kind``.
+    """
+    try:
+        yield
+    except ImportError as error:
+        msg = f"{what} ({error}); pip install 'uwtrack[{extra}]'."
+        raise kind(msg) from error

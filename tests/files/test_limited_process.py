@@ -20,47 +20,47 @@ def _way(request, monkeypatch):
     monkeypatch.setattr(limited_process, "CAN_FORK", request.param == "forked")
 
 
-def crash(_):
+def crash():
     os.kill(os.getpid(), signal.SIGSEGV)
 
 
-def wait(_):
+def wait():
     time.sleep(60)
 
 
-def spin(_):
+def spin():
     while True:
         pass
 
 
-def claim(_):
+def claim():
     return len(bytearray(4 << 30))
 
 
-def refuse(_):
+def refuse():
     msg = "it is no good."
     raise DataError(msg)
 
 
-def fail(_):
+def fail():
     return 1 / 0
 
 
-def recurse(data):
-    return recurse(data)
+def recurse():
+    return recurse()
 
 
-def answer(data):
-    return ["answer", len(data)]
+def answer(text="x"):
+    return ["answer", 1_000_000 * text]
 
 
-def run(what, data=b"", seconds=20.0):
+def run(what, *arguments, seconds=20.0):
     function = f"tests.files.test_limited_process:{what}"
-    return run_limited(function, seconds=seconds, data=data)
+    return run_limited(function, *arguments, seconds=seconds)
 
 
-def test_the_answer_and_the_data_pass_through():
-    assert run("answer", b"x" * 1_000_000) == ["answer", 1_000_000]
+def test_arguments_and_a_long_answer_pass_through():
+    assert run("answer", "y") == ["answer", 1_000_000 * "y"]
 
 
 @pytest.mark.parametrize(

@@ -42,6 +42,27 @@ def to_grid(latitude: float, longitude: float, origin: Origin) -> tuple[float, f
     return float(line["s12"] * np.sin(azimuth)), float(line["s12"] * np.cos(azimuth))
 
 
+def places_on_grid(
+    latitude: FloatArray, longitude: FloatArray, origin: Origin
+) -> tuple[FloatArray, FloatArray]:
+    """Return east and north in metres of positions in degrees.
+
+    Equal places are worked out once: geodesics are slow.
+
+    Examples
+    --------
+    >>> east, north = places_on_grid(
+    ...     np.array([35.01, 35.01]), np.array([129.0, 129.0]), Origin(35.0, 129.0))
+    >>> north.round(1).tolist()
+    [1109.4, 1109.4]
+    """
+    both = np.stack([latitude, longitude], axis=-1)
+    pairs, row = np.unique(both, axis=0, return_inverse=True)
+    grid = np.array([to_grid(a, b, origin) for a, b in pairs.tolist()]).reshape(-1, 2)
+    east, north = grid[row.ravel()].T
+    return east, north
+
+
 def to_latitude_longitude(
     east_m: FloatArray, north_m: FloatArray, origin: Origin
 ) -> tuple[FloatArray, FloatArray]:

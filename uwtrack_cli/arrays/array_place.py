@@ -9,7 +9,6 @@ row and after its last one the ship goes straight on.
 """
 
 from dataclasses import dataclass
-from warnings import warn
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Navigation, Sensor
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.estimation.angles import compass_deg, interpolate_deg, wrap_deg
 
 SPEED_SPAN_S = 5.0
@@ -55,33 +54,29 @@ def check_place(recording: Recording, *, needs_heading: bool) -> None:
     sensor, navigation = recording.sensor, recording.sensor.navigation
     if navigation is None:
         if sensor.heading_source != "fixed" and needs_heading:
-            msg = (
+            raise DataError(
                 f"array {sensor.id!r} has neither heading_deg nor navigation, so its "
                 f"bearings are unknown: give one of them in the sensor file, or "
                 f"--own-ship NAV.csv, or --frame array for cone angles alone."
             )
-            raise DataError(msg)
         return
     knows_heading = sensor.heading_source in {"track", "way", "compass"}  # way: 0.2
     if sensor.tow_offset_m is None or not knows_heading:
-        msg = (
+        raise DataError(
             f"array {sensor.id!r} has navigation, but not tow_offset_m (0 if it is the "
             f'array\'s own) and heading_source ("track" or "compass"): give both in its '
             f"sensor file."
         )
-        raise DataError(msg)
     if sensor.heading_source == "compass" and np.isnan(navigation.heading_deg).any():
-        msg = (
+        raise DataError(
             f"heading_source of array {sensor.id!r} is 'compass', and rows of its "
             f'navigation have no heading_deg; give them, or heading_source = "track".'
         )
-        raise DataError(msg)
     if navigation.start_utc_ns is not None and recording.start_utc_ns is None:
-        msg = (
+        raise DataError(
             f"the navigation of array {sensor.id!r} is in UTC, and the start of "
             f"{recording.name} is not known: give --start-utc or --time-pattern."
         )
-        raise DataError(msg)
     _check_cover(recording, navigation)
 
 
@@ -89,12 +84,11 @@ def _check_cover(recording: Recording, navigation: Navigation) -> None:
     first, last = _rows_s(navigation, recording.start_utc_ns)[[0, -1]]
     end_s = first if recording.is_live else recording.duration_s
     if navigation.time_s.size < 2 or last < 0.0 or first > max(end_s, 0.0):
-        msg = (
+        raise DataError(
             f"the navigation covers {first:.6g} to {last:.6g} s of {recording.name}, "
             f"which lasts {end_s:.6g} s: do both count from the same start (give both "
             f"UTC, or one clock)?"
         )
-        raise DataError(msg)
     way = _Way(navigation, recording.start_utc_ns)
     behind_m = (recording.sensor.tow_offset_m or 0.0) + _reach_m(recording.sensor)
     missing = []
@@ -103,11 +97,10 @@ def _check_cover(recording: Recording, navigation: Navigation) -> None:
     if last < end_s:
         missing.append(f"ends at {last:.6g} s, before the end of")
     for what in missing:
-        msg = (
+        warn(
             f"the navigation {what} {recording.name}; its course and speed are held "
             f"beyond, and bearings there rest on that."
         )
-        warn(msg, UwtrackWarning, stacklevel=3)
 
 
 def place_of_array(sensor: Sensor, frames: Frames) -> ArrayPlace:

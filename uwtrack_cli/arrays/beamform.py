@@ -21,7 +21,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any, Literal
-from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +49,7 @@ from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked,
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import FULL_SCALE, MICROPASCAL
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, warn
 from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.spectra.frame_transform import FrameTransform
@@ -200,20 +199,18 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
     at v, is u = u' (f_c / f) / (1 - v u' / c).
     """
     if kept_probability < false_alarm_probability:
-        msg = (
+        raise OptionError(
             "kept_probability must be at least false_alarm_probability = "
             f"{false_alarm_probability:g}, got {kept_probability:g}."
         )
-        raise OptionError(msg)
     array = _array_of(recording)
     is_line = isinstance(array, LineArray)
     if not is_line and (beams is not None or shading not in {None, "uniform"}):
-        msg = (
+        raise OptionError(
             "beams and shading are those of a line array; array "
             f"{recording.sensor.id!r} is none, and its beams are uniform: leave "
             f"{'shading' if beams is None else 'beams'} out."
         )
-        raise OptionError(msg)
     shading = shading or "chebyshev"
     check_place(recording, needs_heading=frame == "compass")
     n_elements = len(recording.sensor.element_xyz_m)
@@ -225,11 +222,10 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
     if beamformer == "mvdr":
         wanted = 2 * n_elements if snapshots is None else snapshots
         if wanted < n_elements and loading == 0.0:
-            msg = (
+            raise OptionError(
                 f"{wanted} snapshots of {n_elements} hydrophones have no inverse: give "
                 f"at least {2 * n_elements}, or loading above 0."
             )
-            raise OptionError(msg)
         block_frames = -(-wanted // TILE_FRAMES) * TILE_FRAMES
     rules = PeakRules(
         false_alarm_probability=false_alarm_probability,
@@ -260,23 +256,21 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
 def _beam_count(array: LineArray, beams: int | None) -> int:
     n_beams = max(4 * array.n_places, FEWEST_STEPS) + 1 if beams is None else beams
     if n_beams < 2 * array.n_places + 1:
-        msg = (
+        raise OptionError(
             f"beams must be at least {2 * array.n_places + 1} for {array.n_places} "
             f"places of hydrophones, got {n_beams}: sources between beams are lost."
         )
-        raise OptionError(msg)
     return n_beams
 
 
 def _array_of(recording: Recording) -> LineArray | SpatialArray:
     sensor = recording.sensor
     if not len(sensor.element_xyz_m):
-        msg = (
+        raise DataError(
             f"{recording.name} was recorded by {sensor.kind} sensor {sensor.id!r}; "
             f'beams need kind = "array" with element_along_m or element_positions_m in '
             f"its sensor file (--sensor), and no --channel."
         )
-        raise DataError(msg)
     if sensor.element_positions_m is not None:
         return SpatialArray(sensor.element_xyz_m, sensor.sound_speed_mps)
     return LineArray(sensor.element_places_m, sensor.sound_speed_mps)
@@ -300,39 +294,35 @@ def _band(
     if isinstance(array, LineArray):
         clear_hz = CLEAR_SHARE * array.design_frequency_hz
     if isinstance(array, LineArray) and above_design == "drop" and high > clear_hz:
-        msg = (
+        warn(
             f"hydrophones {array.spacing_m:g} m apart tell directions up to their "
             f"design frequency of {array.design_frequency_hz:.0f} Hz: the band ends at "
             f"{clear_hz:.0f} Hz (--above-design mark keeps what is above)."
         )
-        warn(msg, UwtrackWarning, stacklevel=3)
         high = clear_hz
     inside = np.flatnonzero((cells[1:-1] >= low) & (cells[1:-1] <= high)) + 1
     if isinstance(array, SpatialArray):
         beams = array.beams_needed(cells[inside])
         values = beams * (1 + np.arange(inside.size))
         if inside.size and beams[0] > MOST_BEAMS:
-            msg = (
+            raise OptionError(
                 f"with {array.aperture_m:.4g} m between hydrophones, all directions "
                 f"take {beams[0]:.0f} beams at {cells[inside[0]]:.4g} Hz already, more "
                 f"than time and memory allow ({MOST_BEAMS}): are the positions in "
                 f"metres? Give a lower --band-hz."
             )
-            raise OptionError(msg)
         inside = inside[(beams <= MOST_BEAMS) & (values <= MOST_VALUES)]
         if 0 < inside.size < beams.size:
-            msg = (
+            warn(
                 f"with {array.aperture_m:.4g} m between hydrophones, all directions "
                 f"take {beams[-1]:.0f} beams at {high:.4g} Hz, more than time and memory "
                 f"allow: the band ends at {cells[inside[-1]]:.4g} Hz."
             )
-            warn(msg, UwtrackWarning, stacklevel=3)
     if inside.size < 8:
-        msg = (
+        raise OptionError(
             f"the band from {low:.6g} to {high:.6g} Hz holds {inside.size} cells; at "
             f"least 8 are needed: give --band-hz or a longer --window-s."
         )
-        raise OptionError(msg)
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 
@@ -568,14 +558,13 @@ class _SpatialFormer(_BeamFormer):
             if below_db < SAME_DB
             else f"a lobe reaches within {below_db:.1f} dB of the main one"
         )
-        msg = (
+        warn(
             f"hydrophones {self.array.closest_m:.4g} m apart and more are sparse for "
             f"this band: lines from {first_hz:.4g} Hz on may be given a wrong direction "
             f"(at {at_hz:.4g} Hz {height}). Such peaks are marked (is_aliased); other "
             f"directions that explain the broadband sound of a frame are listed as its "
             f"lobes."
         )
-        warn(msg, UwtrackWarning, stacklevel=4)
 
     def _directions(
         self, spectra: NDArray[np.complex64], alive: BoolArray, frames: Frames

@@ -237,11 +237,10 @@ class DirectionSearch:
     def __post_init__(self) -> None:
         """Refuse a band that is too narrow."""
         if self.frequency_hz.size < FEWEST_BINS:
-            msg = (
+            raise OptionError(
                 f"the band holds {self.frequency_hz.size} bins of one over the window; "
                 f"directions need {FEWEST_BINS}: give --band-hz or a longer --window-s."
             )
-            raise OptionError(msg)
 
     @cached_property
     def _bands(self) -> list[slice]:

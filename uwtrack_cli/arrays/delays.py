@@ -130,22 +130,20 @@ def measure_delays(
     """
     sensor = recording.sensor
     if not len(sensor.element_xyz_m):
-        msg = (
+        raise DataError(
             f"{recording.name} was recorded by {sensor.kind} sensor {sensor.id!r}; "
             f'delays need kind = "array" with element_positions_m in its sensor file '
             f"(--sensor), and no --channel."
         )
-        raise DataError(msg)
     given = {"band_hz": band_hz, "decimation": decimation}
     used = {**given, **resolve_decimation(recording, given)}["decimation"]
     layout = plan_frames(recording, window_s, overlap, 1, band_hz, used)
     frequency_hz = layout.frequency_hz
     if np.count_nonzero(frequency_hz > 0.0) < BAND_BINS:
-        msg = (
+        raise OptionError(
             f"the band holds {frequency_hz.size} bins of 1 / window_s; delays need "
             f"{BAND_BINS}: give a wider --band-hz or a longer --window-s."
         )
-        raise OptionError(msg)
     return _Correlator(recording, layout, weighting, false_alarm_probability).blocks()
 
 
@@ -184,25 +182,23 @@ class _Correlator:
         longest_s = float(sought_s.max()) / REACH
         window_s = self.layout.window / self.layout.rate_hz
         if 2.0 * longest_s > window_s:
-            msg = (
+            raise OptionError(
                 f"sound takes {longest_s:.4g} s across the {distance.max():.4g} m of the "
                 f"array, and a frame of --window-s {window_s:g} must be twice as long: "
                 f"are the positions in metres? Else give --window-s "
                 f"{2.0 * longest_s:.2g} or more."
             )
-            raise OptionError(msg)
         self._step_s = 1.0 / (FINENESS * self.layout.rate_hz)
         self._reach_s = sought_s
         self._n_lags = np.ceil(sought_s / self._step_s).astype(int) + 1
         if self._is_far:
             self._n_lags = np.full(distance.size, ALIGNED_LAGS)
         if self._n_lags.max() > MOST_LAGS:
-            msg = (
+            raise OptionError(
                 f"sound takes {self._n_lags.max() / FINENESS:.0f} samples across the "
                 f"array; delays are sought up to {MOST_LAGS // FINENESS}: give a larger "
                 f"--decimation."
             )
-            raise OptionError(msg)
         quarter_hz = sensor.sound_speed_mps / (4.0 * float(distance.max()))
         order = np.arange(len(self._places), dtype=float)
         self._check = ElementCheck(sensor.channel_names, order, quarter_hz)

@@ -16,7 +16,6 @@ squares of slowness from delays, and its uncertainty.
 from collections.abc import Sequence
 from itertools import permutations
 from typing import NamedTuple
-from warnings import warn
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from uwtrack_cli.data.directions import Delays, Directions
 from uwtrack_cli.data.options import checked
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import FULL_SCALE
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.errors import DataError, warn
 
 BEYOND = 1.05
 """Largest delay as a share of the one along the pair; an error of place or speed."""
@@ -139,20 +138,18 @@ def find_directions(delays: Delays, sensor: Sensor) -> Directions:
 
 def _array_of(sensor: Sensor) -> SpatialArray:
     if not len(sensor.element_xyz_m):
-        msg = (
+        raise DataError(
             f"directions from delays need an array with element_along_m or "
             f"element_positions_m, and sensor {sensor.id!r} has none: give its sensor "
             f"file (--sensor)."
         )
-        raise DataError(msg)
     if sensor.heading_source != "fixed":
-        msg = (
+        raise DataError(
             f"directions from delays need a fixed array: give heading_deg in the sensor "
             f"file of {sensor.id!r} (0 if y of the positions is north, and of a "
             f"line the direction of its head), or use 'uwtrack "
             f"beamform' for one that moves."
         )
-        raise DataError(msg)
     return SpatialArray(sensor.element_xyz_m, sensor.sound_speed_mps)
 
 
@@ -161,8 +158,9 @@ def _pairs(delays: Delays, names: list[str], sensor: str) -> IntArray:
     known = {name: number for number, name in enumerate(names)}
     for name in np.unique([delays.channel_a, delays.channel_b]).tolist():
         if name not in known:
-            msg = f"the delays name channel {name!r}; sensor {sensor!r} has: {', '.join(names)}."
-            raise DataError(msg)
+            raise DataError(
+                f"the delays name channel {name!r}; sensor {sensor!r} has: {', '.join(names)}."
+            )
     return np.array(
         [[known[a], known[b]] for a, b in zip(
             delays.channel_a.tolist(), delays.channel_b.tolist(), strict=True
@@ -175,7 +173,7 @@ def _check_reach(delays: Delays, apart: FloatArray, sensor: Sensor) -> None:
     longest = np.linalg.norm(apart, axis=1) / sensor.sound_speed_mps
     spare = BEYOND * longest + SURE_DEVIATIONS * delays.delay_std_s
     for row in np.flatnonzero(np.abs(delays.delay_s) > spare)[:1]:
-        msg = (
+        raise DataError(
             f"channels {delays.channel_a[row]} and {delays.channel_b[row]} are "
             f"{np.linalg.norm(apart[row]):.4g} m apart, which sound crosses in "
             f"{longest[row]:.4g} s, and their delay at {delays.time_s[row]:.3f} s is "
@@ -183,7 +181,6 @@ def _check_reach(delays: Delays, apart: FloatArray, sensor: Sensor) -> None:
             f"sound_speed_mps = {sensor.sound_speed_mps:g} right, and the channels in "
             f"their order?"
         )
-        raise DataError(msg)
 
 
 def _fit(
@@ -234,17 +231,15 @@ def _tell_too_few(array: SpatialArray, delays: Delays, n_frames: int) -> None:
     """Say that no frame has delays of pairs enough."""
     needed = len(array.measured_axes)
     if not n_frames:
-        msg = "there are no delays: no frame has a direction."
-        warn(msg, UwtrackWarning, stacklevel=3)
+        warn("there are no delays: no frame has a direction.")
         return
     shape = ("", " that do not lie in one line", " that do not lie in one plane")
-    msg = (
+    warn(
         f"none of {n_frames} frames has a direction: each needs delays of {needed} "
         f"pair{'s' * (needed > 1)}{shape[needed - 1]}, and "
         f"{delays.time_s.size} delays are there. Is a hydrophone dead or inverted, or the "
         f"sound too weak? 'uwtrack beamform' detects weaker sound."
     )
-    warn(msg, UwtrackWarning, stacklevel=3)
 
 
 def _tell_inconsistent(
@@ -275,9 +270,8 @@ def _tell_inconsistent(
                 f" They would agree if the positions belonged to the channels "
                 f"{', '.join(best)}, in this order: is the order of the channels right?"
             )
-    msg = (
+    warn(
         f"the delays of {int(tried.sum() - sound.sum())} of {int(tried.sum())} frames "
         f"contradict the positions of sensor {sensor.id!r} or the sound speed, and have "
         f"no direction (noise, several sources and echoes do that, too).{hint}"
     )
-    warn(msg, UwtrackWarning, stacklevel=3)

@@ -6,13 +6,12 @@ direction turns by less than a right angle between them, finds an inverted one.
 """
 
 from dataclasses import dataclass, field
-from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.errors import DataError, warn
 
 DEAD_DB, HOT_DB = 20.0, 8.0
 """Distance of a level from the median at which a hydrophone is left out, and told."""
@@ -60,13 +59,12 @@ class ElementCheck:
         for k in np.flatnonzero(np.abs(level_db) >= HOT_DB):
             self._tell_level(self.names[k], float(level_db[k]), time_s)
         if np.count_nonzero(alive) < FEWEST_ALIVE:
-            msg = (
+            raise DataError(
                 f"{np.count_nonzero(alive)} of {alive.size} hydrophones have a level "
                 f"within {DEAD_DB:g} dB of the median at {time_s:.1f} s; beams need "
                 f"{FEWEST_ALIVE}: check the recording, or leave this part out with "
                 f"--start-s and --stop-s."
             )
-            raise DataError(msg)
         if self._sign is None:
             gaps = np.diff(np.sort(self.along_m[alive]))
             # neighbours of a dead one lie farther apart
@@ -89,11 +87,10 @@ class ElementCheck:
         level = f"{abs(level_db):.0f} dB {'above' if level_db > 0 else 'below'}"
         if not np.isfinite(level_db):
             level = "silent, far below"
-        msg = (
+        warn(
             f"hydrophone {name} is {level} the median of the array at {time_s:.1f} s; "
             f'it is {what} (channel name "-" leaves it out of the whole recording).'
         )
-        warn(msg, UwtrackWarning, stacklevel=2)
 
     def _compare_signs(self, spectra: NDArray[np.complex64], alive: BoolArray) -> None:
         self._sign = np.ones(alive.size)
@@ -112,11 +109,10 @@ class ElementCheck:
         usual = np.sign(sign.sum()) or 1.0
         for k in order[sign != usual]:
             self._sign[k] = -1.0
-            msg = (
+            warn(
                 f"hydrophone {self.names[k]} has the opposite sign of its neighbours "
                 f"(inverted wiring?); its sign is turned."
             )
-            warn(msg, UwtrackWarning, stacklevel=2)
 
 
 def with_silent_elements(samples: FloatArray) -> FloatArray:

@@ -70,33 +70,29 @@ def join_recorders(recordings: Sequence[Recording]) -> Recording:
     """
     names = [one.sensor.id for one in recordings]
     if len(set(names)) < len(names):
-        msg = (
+        raise DataError(
             f"the recordings are of the sensors {', '.join(names)}: delays across files "
             f"need recorders of different identifiers, each with a sensor file."
         )
-        raise DataError(msg)
     rates = {one.sample_rate_hz for one in recordings}
     if len(rates) > 1:
         found = ", ".join(f"{rate:g}" for rate in sorted(rates))
-        msg = f"the recordings have sample rates of {found} Hz; delays need one."
-        raise DataError(msg)
+        raise DataError(f"the recordings have sample rates of {found} Hz; delays need one.")
     (rate_hz,) = rates
     starts = []
     for one in recordings:
         if one.start_utc_ns is None:
-            msg = (
+            raise DataError(
                 f"{one.name} has no start time, and delays across files need one: give "
                 f"--start-utc where all begin at once, or --time-pattern."
             )
-            raise DataError(msg)
         starts.append(one.start_utc_ns)
     begin = max(starts)
     since_s = np.array([(begin - start) / NANOSECONDS for start in starts])
     first = np.rint(since_s * rate_hz).astype(int)
     count = min(one.n_samples - int(n) for one, n in zip(recordings, first, strict=True))
     if count <= 0:
-        msg = f"{', '.join(one.name for one in recordings)} have no time in common."
-        raise DataError(msg)
+        raise DataError(f"{', '.join(one.name for one in recordings)} have no time in common.")
     readers = tuple(one.reader for one in recordings if one.reader is not None)
     stds = [one.sensor.clock_std_s for one in recordings]
     reader = RecordersReader(
@@ -132,8 +128,7 @@ def _array_of(sensors: Sequence[Sensor]) -> Sensor:
     """Return the array whose hydrophones are the recorders."""
     moving = [one.id for one in sensors if one.navigation is not None]
     if moving:
-        msg = f"recorder {moving[0]} moves: delays across files need fixed places."
-        raise DataError(msg)
+        raise DataError(f"recorder {moving[0]} moves: delays across files need fixed places.")
     places = _places(sensors)
     depths = [0.0 if one.depth_m is None else one.depth_m for one in sensors]
     rows = [
@@ -167,8 +162,7 @@ def _places(sensors: Sequence[Sensor]) -> FloatArray:
     if all(s.east_m is not None and s.north_m is not None for s in sensors):
         found = np.array([(s.east_m, s.north_m) for s in sensors], float)
         return np.asarray(found - found[0])
-    msg = (
+    raise DataError(
         "delays across files need the places of all recorders, of one kind: latitude "
         "and longitude, or east_m and north_m, in their sensor files."
     )
-    raise DataError(msg)

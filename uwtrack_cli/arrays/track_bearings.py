@@ -121,12 +121,11 @@ def track_bearings(
     about a smooth course, as a share of how much they stand out.
     """
     if bearing_time.cos_angle is None:
-        msg = (
+        raise DataError(
             "this record is of an array that is no line: its broadband directions are "
             "measured already ('uwtrack show FILE directions'); 'cpa' and 'locate' take "
             "them."
         )
-        raise DataError(msg)
     averages = _averages(bearing_time, bearing_time.cos_angle, average_s)
     side = 1.0 if bearing_time.side == "starboard" else -1.0
     tracks = [

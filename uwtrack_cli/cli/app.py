@@ -49,7 +49,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "show": "file_commands:show",
         "verify": "file_commands:verify",
         "diff": "score_commands:diff",
-        "export": "export_commands:export",
+        "export": "file_commands:export",
         "rerun": "batch_commands:rerun",
         "init-sensor": "init_sensor_command:init_sensor",
         "difar": "difar_commands:difar",

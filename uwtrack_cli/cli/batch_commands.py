@@ -129,8 +129,7 @@ def batch(
         within_m=within_m,
     )
     if folder.is_file():
-        msg = f"{folder} is a file; --output names the folder of the result files."
-        raise OutputError(msg)
+        raise OutputError(f"{folder} is a file; --output names the folder of the result files.")
     check_report(folder, found, overwrite=overwrite)
     for text in describe_recorders(found, options, joining):
         say(text)
@@ -152,16 +151,13 @@ def _joining(own: ManyOptions) -> "Joining | None":
     known = {k: v for k, v in given.items() if v is not None}
     if not own.join:
         if known:
-            msg = "--join-gap-s, --join-slack-s, --per and --overlap-s go with --join."
-            raise OptionError(msg)
+            raise OptionError("--join-gap-s, --join-slack-s, --per and --overlap-s go with --join.")
         return None
     for name, value in known.items():
         if name != "per" and not value >= 0.0:
-            msg = f"{name} of --join must be 0 or more, got {value}."
-            raise OptionError(msg)
+            raise OptionError(f"{name} of --join must be 0 or more, got {value}.")
     if "overlap_s" in known and "per" not in known:
-        msg = "--overlap-s goes with --per, which cuts what is joined."
-        raise OptionError(msg)
+        raise OptionError("--overlap-s goes with --per, which cuts what is joined.")
     return Joining(**known)
 
 

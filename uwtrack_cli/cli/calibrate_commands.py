@@ -62,17 +62,16 @@ def calibrate(
         New sensor file; pass.calibrated.sensor.toml unless given.
     """
     from uwtrack_cli.files.atomic import check_target, write_text
+    from uwtrack_cli.files.tables.sensors import sensor_text
     from uwtrack_cli.flow.calibration import calibrate_sensor
-    from uwtrack_cli.flow.sample_recordings import sensor_text
     from uwtrack_cli.flow.scoring.score_product import read_any_truth
 
     target = source.with_name(source.stem + BESIDE) if output is None else output
     if target.exists():
-        msg = (
+        raise OutputError(
             f"{target} exists already, and calibrate replaces no sensor file: name "
             f"another one with -o."
         )
-        raise OutputError(msg)
     check_target(target, overwrite=False)
     recording = open_source(source, source_options)
     known = read_any_truth(truth)

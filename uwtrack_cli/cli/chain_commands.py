@@ -16,8 +16,7 @@ from uwtrack_cli.cli.command_factory import (
 )
 from uwtrack_cli.cli.console import progress_bar, say_wrote
 from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS, open_sources
-from uwtrack_cli.cli.result_output import is_shown, print_result
-from uwtrack_cli.cli.sensitivity import say_sensitivity
+from uwtrack_cli.cli.result_output import is_shown, print_result, say_sensitivity
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.directions import Delays
 from uwtrack_cli.data.encounters import Encounters, Fixes
@@ -199,8 +198,9 @@ def _read_sources(stage: Stage, own: Mapping[str, Any], stack: ExitStack) -> "In
             read.add(source, _wanted(stage))
     refuse_unknown_step(read.products, own["branch"])
     if own.get("sensor") is not None and read.products and stage.output is Encounters:
-        msg = f"--sensor {own['sensor']} belongs to a table; result files have their own."
-        raise DataError(msg)
+        raise DataError(
+            f"--sensor {own['sensor']} belongs to a table; result files have their own."
+        )
     for kind in _wanted(stage):
         asked = {**SIDE_TABLES, "sensor": SENSOR_FILE}.get(kind.NAME)
         if asked is not None and own.get(asked.name) is not None:

@@ -218,7 +218,9 @@ def progress_text(done: float, total: float, elapsed_s: float, things: str = "")
 @contextmanager
 def guard(*, debug: bool) -> Iterator[None]:
     """Turn errors into one sentence and an exit code; a closed pipe ends quietly."""
-    with warnings.catch_warnings(), _interrupts_kept(), _ending_in_order():
+    # signals that end a program are an interrupt, once; nohup has SIGHUP ignored
+    ending = _signals_to(_end, ENDING, lambda own: own is signal.SIG_DFL)
+    with warnings.catch_warnings(), _interrupts_kept(), ending:
         warnings.showwarning = _show_warning
         warnings.simplefilter("always", UwtrackWarning)
         try:
@@ -261,15 +263,17 @@ def _leave_output() -> None:
 
 
 @contextmanager
-def _ending_in_order() -> Iterator[None]:
-    """Turn the signals that end a program into an interrupt, once."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.getsignal(number) for number in ENDING}
+def _signals_to(
+    meet: Callable[[int, FrameType | None], None],
+    numbers: Sequence[int],
+    is_replaced: Callable[[Any], bool],
+) -> Iterator[None]:
+    """Let a function meet signals whose handlers may be replaced, in the main thread."""
+    is_main = threading.current_thread() is threading.main_thread()
+    before = {number: signal.getsignal(number) for number in (numbers if is_main else ())}
     for number, handler in before.items():
-        if handler is signal.SIG_DFL:  # not with nohup, which ignores SIGHUP
-            signal.signal(number, _end)
+        if is_replaced(handler):
+            signal.signal(number, meet)
     try:
         yield
     finally:
@@ -283,9 +287,6 @@ def signals_end(end: Callable[[], None]) -> Iterator[None]:
 
     ``end``: ends what is waited for, so that the command goes on to its own end.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
     before = {number: signal.getsignal(number) for number in [signal.SIGINT, *ENDING]}
 
     def meet(number: int, _: FrameType | None) -> None:
@@ -294,14 +295,8 @@ def signals_end(end: Callable[[], None]) -> Iterator[None]:
         say(f"{signal.Signals(number).name}: finishing what is open; once more to stop")
         end()
 
-    for number, handler in before.items():
-        if handler is not signal.SIG_IGN:  # not with nohup
-            signal.signal(number, meet)
-    try:
+    with _signals_to(meet, list(before), lambda own: own is not signal.SIG_IGN):  # nohup
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _end(number: int, _: FrameType | None) -> None:

@@ -56,12 +56,10 @@ def difar(
     is_live = live.is_live([source])
     buoy = _buoy(source, options["sensor"], multiplex, declination_deg)
     if output is None and str(source) == "-":
-        msg = "the audio comes without a name: name the recording with -o."
-        raise OptionError(msg)
+        raise OptionError("the audio comes without a name: name the recording with -o.")
     target = output or source.with_name(f"{source.stem}.difar.wav")
     if target.suffix.lower() == ".flac":
-        msg = f"{target}: FLAC holds no gaps; name it .wav, .w64, .rf64 or .aiff."
-        raise OptionError(msg)
+        raise OptionError(f"{target}: FLAC holds no gaps; name it .wav, .w64, .rf64 or .aiff.")
     check_target(target, overwrite=overwrite, inputs=[source])
     beside = target.with_suffix(".lock.csv")
     for one in (beside, *sensor_names(target, buoy)):
@@ -93,11 +91,10 @@ def _buoy(
     is_named = str(source) != "-" or sensor_file is not None
     found = find_sensor(source, sensor_file) if is_named else None
     if found is not None and not found.is_multiplexed:
-        msg = (
+        raise DataError(
             f"the sensor of {source} is of kind {found.kind!r}; the audio of a buoy has "
             f'kind = "difar-multiplexed".'
         )
-        raise DataError(msg)
     if found is None:
         name = "buoy" if str(source) == "-" else source.stem
         table = {"id": name, "kind": "difar-multiplexed"}

@@ -1,4 +1,4 @@
-"""Commands about files: info, show, verify."""
+"""Commands about files: info, show, verify, export."""
 
 import json
 from pathlib import Path
@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from uwtrack_cli.cli.command_factory import AsJson, Axis, Branch
-from uwtrack_cli.cli.console import FAILED, is_verbose, put, unread_too
-from uwtrack_cli.cli.targets import open_product
+from uwtrack_cli.cli.command_factory import AsJson, Axis, Branch, Output, Overwrite, ProductFile
+from uwtrack_cli.cli.console import FAILED, is_verbose, put, say, unread_too
+from uwtrack_cli.cli.targets import PIPE, named_target, open_product
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.options import nearest
 from uwtrack_cli.data.presence import Presence
@@ -36,8 +36,7 @@ def info(file: Path, *, json_output: AsJson = False) -> None:
 
     if file.is_dir() or file.suffix.lower() in SUFFIXES:
         if json_output:
-            msg = f"--json describes result files; {file} is none."
-            raise OptionError(msg)
+            raise OptionError(f"--json describes result files; {file} is none.")
         put(folder_lines(file) if file.is_dir() else recording_lines(file))
         return
     with open_product(file) as product:
@@ -138,28 +137,23 @@ def show(
         from uwtrack_cli.cli.json_schemas import json_schema
 
         if file is not None:
-            msg = f"--schema prints a schema and reads no file; leave out {file}."
-            raise OptionError(msg)
+            raise OptionError(f"--schema prints a schema and reads no file; leave out {file}.")
         put(json.dumps(json_schema(schema), indent=2, ensure_ascii=False).splitlines())
         return
     if file is None:
-        msg = "name the file to show, or an output with --schema."
-        raise OptionError(msg)
+        raise OptionError("name the file to show, or an output with --schema.")
     if table is None:
         if axis is not None:
-            msg = f"--axis {axis} needs the name of the table that has it."
-            raise OptionError(msg)
+            raise OptionError(f"--axis {axis} needs the name of the table that has it.")
         _show_result(file, form, sensor, step)
         return
     table = TABLES.get(table, table)
     if table not in CONTAINERS:
         if str(file) in CONTAINERS:
-            msg = f"the file comes first: uwtrack show {shell_word(table)} {file}"
-            raise OptionError(msg)
+            raise OptionError(f"the file comes first: uwtrack show {shell_word(table)} {file}")
         hint = nearest(table, CONTAINERS)
         kinds = ", ".join(CONTAINERS)
-        msg = f"there is no table {table!r}.{hint} There are: {kinds}."
-        raise OptionError(msg)
+        raise OptionError(f"there is no table {table!r}.{hint} There are: {kinds}.")
     with open_product(file) as product:
         refuse_unknown_step([product], step)
         found = read_of_branch(product, CONTAINERS[table], sensor, step)
@@ -187,12 +181,11 @@ def _show_result(file: Path, form: str, sensor: str | None, step: str | None) ->
         held = {key.name for key in product.paths}
         name = next((n for n in _results(product) if n in held), None)
         if name is None:
-            msg = (
+            raise DataError(
                 f"{file} holds no result, but {', '.join(sorted(held))}; "
                 f"name what to show: uwtrack show {shell_word(file)} "
                 f"{min(held, default='lines')}."
             )
-            raise DataError(msg)
         found = read_of_branch(product, CONTAINERS[name], sensor, step)
         presence = None
         if name == "encounters" and "presence" in held:
@@ -242,3 +235,46 @@ def verify(files: list[Path]) -> None:
             put([f"{file}: {problem}" for problem in told] or [f"{file}: ok"])
     if damaged:
         raise typer.Exit(FAILED)
+
+
+def export(
+    file: ProductFile,
+    *,
+    form: Annotated[
+        Literal["csv", "geojson", "kml", "raven", "netcdf", "rep", "dsf"], typer.Option("--to")
+    ],
+    container: Annotated[str | None, typer.Option("--table")] = None,
+    sensor: str | None = None,
+    step: Branch = None,
+    axis: Axis = None,
+    output: Output = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write results as CSV, GeoJSON, KML, Raven selection table, NetCDF, REP or DSF.
+
+    GeoJSON and KML need sensors with latitude and longitude. They hold positions and
+    motions with their 95 % regions.
+
+    Parameters
+    ----------
+    form
+        Format to write.
+    container
+        Table that a CSV holds: fixes, lines.
+    sensor
+        Sensor, where there are several.
+    """
+    from uwtrack_cli.flow.exports.export import FORMATS, export_product
+
+    if container is not None and form != "csv":
+        raise OptionError(f"--table goes with --to csv, not {form}, which takes what it needs.")
+    if axis is not None and container is None:
+        raise OptionError(f"--axis {axis} needs --table, and --to csv.")
+    target = named_target(output, file, FORMATS[form].ending)
+    inputs = () if file == PIPE else (file,)
+    with open_product(file) as product:
+        export_product(
+            product, form, target, container=container, sensor=sensor,
+            step=step, axis=axis, overwrite=overwrite, inputs=inputs,
+        )  # fmt: skip
+    say(f"wrote {target}")

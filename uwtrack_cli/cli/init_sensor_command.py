@@ -99,8 +99,9 @@ def init_sensor(
 
     known = {name: value for name, value in given.items() if value is not None}
     if output not in {None, PIPE} and output.exists():
-        msg = f"{output} exists already, and init-sensor replaces no file: give another."
-        raise OutputError(msg)
+        raise OutputError(
+            f"{output} exists already, and init-sensor replaces no file: give another."
+        )
     if not known and os.isatty(STANDARD_INPUT):
         known = _asked(identifier)
     text = sensor_file({"id": identifier, **_values(known)})
@@ -160,8 +161,9 @@ def _value(name: str, value: Any) -> Any:
         return list(map(float, parts))
     except ValueError as error:
         flag = f"--{name.replace('_', '-')}"
-        msg = f"{flag} takes numbers with commas between them, got {value!r}."
-        raise OptionError(msg) from error
+        raise OptionError(
+            f"{flag} takes numbers with commas between them, got {value!r}."
+        ) from error
 
 
 def _asked(identifier: str) -> dict[str, Any]:
@@ -190,5 +192,4 @@ def _number(answer: str) -> float:
     try:
         return float(answer)
     except ValueError as error:
-        msg = f"a number is asked for, got {answer!r}."
-        raise OptionError(msg) from error
+        raise OptionError(f"a number is asked for, got {answer!r}.") from error

@@ -11,16 +11,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from warnings import warn
 
 from uwtrack_cli.cli.command_factory import documented, flag_of
 from uwtrack_cli.cli.console import put, say, say_wrote, signals_end
-from uwtrack_cli.cli.sensitivity import say_sensitivity
+from uwtrack_cli.cli.result_output import say_sensitivity
 from uwtrack_cli.cli.targets import PIPE, WANTED_TWICE, product_name, refuse_no_pipe, writer_for
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.recording import LiveSource, Recording
 from uwtrack_cli.data.renamed import with_old_keys
-from uwtrack_cli.errors import OptionError, UwtrackWarning
+from uwtrack_cli.errors import OptionError, warn
 from uwtrack_cli.files.checks import is_pipe
 from uwtrack_cli.files.text_escaping import shell_word
 
@@ -70,24 +69,20 @@ class LiveOptions:
             for name in ("raw", "rate_hz", "channels", "idle_s"):
                 if getattr(self, name) is not None:
                     flag = flag_of(name)
-                    msg = (
+                    raise OptionError(
                         f"{flag} is for sound that comes through a pipe, as in "
                         f"cat FILE | uwtrack run -, or for a file with --follow."
                     )
-                    raise OptionError(msg)
             return False
         if len(sources) > 1:
-            msg = f"live sound is run alone, got {len(sources)} sources."
-            raise OptionError(msg)
+            raise OptionError(f"live sound is run alone, got {len(sources)} sources.")
         if self.follow and sources[0].is_dir():
-            msg = (
+            raise OptionError(
                 f"--follow takes a file that is being written, and {sources[0]} is a "
                 f"folder: uwtrack watch {shell_word(sources[0])} -o DIR runs what arrives in it."
             )
-            raise OptionError(msg)
         if pipes and self.follow:
-            msg = f"--follow is for a file, and {pipes[0]} is a pipe: leave it out."
-            raise OptionError(msg)
+            raise OptionError(f"--follow is for a file, and {pipes[0]} is a pipe: leave it out.")
         return True
 
     def raw_sound(self) -> "RawSound | None":
@@ -102,12 +97,14 @@ class LiveOptions:
 
         if self.raw is None:
             if self.rate_hz is not None or self.channels is not None:
-                msg = "--rate-hz and --channels go with --raw FORMAT; a header has them."
-                raise OptionError(msg)
+                raise OptionError(
+                    "--rate-hz and --channels go with --raw FORMAT; a header has them."
+                )
             return None
         if self.rate_hz is None:
-            msg = f"--raw {self.raw} needs --rate-hz: there is no header with the rate."
-            raise OptionError(msg)
+            raise OptionError(
+                f"--raw {self.raw} needs --rate-hz: there is no header with the rate."
+            )
         return RawSound(self.raw, self.rate_hz, self.channels or 1)
 
 
@@ -188,7 +185,7 @@ def say_disturbances(reader: LiveSource, recording: Recording) -> None:
             found.setdefault(gap.kind, []).append(text)
     for first, *others in found.values():
         more = f", and {len(others)} times more" if others else ""
-        warn(f"{recording.name}: {first}{more}.", UwtrackWarning, stacklevel=3)
+        warn(f"{recording.name}: {first}{more}.")
 
 
 def put_event(event: Mapping[str, Any]) -> None:
@@ -203,6 +200,5 @@ def put_event(event: Mapping[str, Any]) -> None:
     except OSError as error:
         if not isinstance(error, BrokenPipeError):
             reason = error.strerror or error
-            msg = f"events are no longer printed ({reason}); the file is written."
-            warn(msg, UwtrackWarning, stacklevel=2)
+            warn(f"events are no longer printed ({reason}); the file is written.")
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

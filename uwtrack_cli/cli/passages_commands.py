@@ -100,17 +100,15 @@ def passages(  # noqa: PLR0913 - three views of one table
 
 def _check(per: str | None, sql: str | None, bands: bool, form: str, output: Path | None) -> None:
     if (per is not None) + (sql is not None) + bands > 1:
-        msg = "--per, --sql and --bands each make a table of their own: give one."
-        raise OptionError(msg)
+        raise OptionError("--per, --sql and --bands each make a table of their own: give one.")
     if form in {"parquet", "geojson"} and (per is not None or sql is not None):
-        msg = f"--to {form} holds passages; counts and queries go to table, csv or jsonl."
-        raise OptionError(msg)
+        raise OptionError(
+            f"--to {form} holds passages; counts and queries go to table, csv or jsonl."
+        )
     if form == "geojson" and bands:
-        msg = "--to geojson holds passages; levels go to table, csv, jsonl or parquet."
-        raise OptionError(msg)
+        raise OptionError("--to geojson holds passages; levels go to table, csv, jsonl or parquet.")
     if form == "parquet" and output is None:
-        msg = "Parquet is binary: name its file with --output."
-        raise OptionError(msg)
+        raise OptionError("Parquet is binary: name its file with --output.")
 
 
 def _tell(table: "PassageTable") -> None:

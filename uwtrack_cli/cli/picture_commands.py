@@ -20,7 +20,7 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.spectra import MODULATION, Overview
 from uwtrack_cli.data.truth import VesselTrack
-from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.errors import DataError, OptionError, needing
 
 if TYPE_CHECKING:
     from uwtrack_cli.files.hdf5.product import Product
@@ -123,13 +123,10 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
     dpi
         Dots per inch; by default 110, in a PDF 220.
     """
-    try:
+    with needing("plots need matplotlib", "plot"):
         from uwtrack_cli.plotting.page import check_picture, choose_pages, pages_of, write_pages
         from uwtrack_cli.plotting.style import WIDE_IN
         from uwtrack_cli.plotting.view import View
-    except ImportError as error:
-        msg = f"plots need matplotlib ({error}); pip install 'uwtrack[plot]'."
-        raise DataError(msg) from error
     is_sound = _is_sound(files)
     _refuse_foreign(context, files[0], is_sound=is_sound)
     refuse_without_ais(context, ais)
@@ -163,8 +160,7 @@ def refuse_without_ais(context: typer.Context, ais: Path | None) -> None:
     """Refuse --within-m where there is no table that it would apply to."""
     given = context.get_parameter_source("within_m")
     if ais is None and given is not None and given.name != "DEFAULT":
-        msg = "--within-m is the range of vessels of an AIS table: give it with --ais."
-        raise OptionError(msg)
+        raise OptionError("--within-m is the range of vessels of an AIS table: give it with --ais.")
 
 
 def _is_sound(files: Sequence[Path]) -> bool:
@@ -179,8 +175,9 @@ def _is_sound(files: Sequence[Path]) -> bool:
 
     sounds = [path for path in files if path.suffix.lower() in SUFFIXES]
     if sounds and len(files) > 1:
-        msg = f"{sounds[0]} is a recording, which is drawn by itself: plot one at a time."
-        raise OptionError(msg)
+        raise OptionError(
+            f"{sounds[0]} is a recording, which is drawn by itself: plot one at a time."
+        )
     return bool(sounds)
 
 
@@ -197,8 +194,7 @@ def _refuse_foreign(context: typer.Context, file: Path, *, is_sound: bool) -> No
                 if is_sound
                 else f"belongs to a recording, and {file} is a result file: give the sound file"
             )
-            msg = f"{flag} {why}, or leave it out."
-            raise OptionError(msg)
+            raise OptionError(f"{flag} {why}, or leave it out.")
 
 
 def _write_sound(
@@ -219,11 +215,10 @@ def _write_sound(
 def _refuse_several(pages: "Sequence[Page]") -> None:
     sensors = sorted({page.sensor for page in pages if page.sensor is not None})
     if len(sensors) > 1:
-        msg = (
+        raise OptionError(
             f"the page that is asked for is one of {', '.join(sensors)} each: name one "
             f"with --sensor, or write all their pages with -o NAME.pdf."
         )
-        raise OptionError(msg)
 
 
 def _tell_others(pages: "Sequence[Page]") -> None:
@@ -241,8 +236,7 @@ def _picture_name(
     passage: int | None, *, is_demon: bool,
 ) -> Path:  # fmt: skip
     if is_demon and not contact is passage is None:
-        msg = "--demon is a page of the recording: leave --passage and --contact out."
-        raise OptionError(msg)
+        raise OptionError("--demon is a page of the recording: leave --passage and --contact out.")
     words = [".demon"] if is_demon else []
     words += [f".{name}-{number}" for name, number in
               (("contact", contact), ("passage", passage)) if number is not None]  # fmt: skip
@@ -324,11 +318,10 @@ def _refuse_second(
         known = owners.setdefault(name, file)
         same = any(container.equals(other) for other in before)
         if known != file and name in DRAWN and not same:
-            msg = (
+            raise DataError(
                 f"{known} and {file} both hold {name}, and a page shows one recording: "
                 f"plot them one by one."
             )
-            raise DataError(msg)
 
 
 def report(  # noqa: PLR0913 (one parameter for each option)
@@ -367,20 +360,17 @@ def report(  # noqa: PLR0913 (one parameter for each option)
     """
     from uwtrack_cli.files.atomic import check_target, write_text
 
-    try:
+    with needing("reports need matplotlib and jinja2", "plot"):
         from uwtrack_cli.plotting.report import Report, report_html
-    except ImportError as error:
-        msg = f"reports need matplotlib and jinja2 ({error}); pip install 'uwtrack[plot]'."
-        raise DataError(msg) from error
     refuse_without_ais(context, ais)
     if speed_up is not None and not sound:
-        msg = "--speed-up is how fast the sound is played: give it with --sound."
-        raise OptionError(msg)
+        raise OptionError("--speed-up is how fast the sound is played: give it with --sound.")
     is_folder = file.is_dir()
     target = named_target(output, file / "report" if is_folder else file, ".html")
     if pages and not is_folder:
-        msg = "--pages writes the pages of the result files in a folder; this is one result file."
-        raise OptionError(msg)
+        raise OptionError(
+            "--pages writes the pages of the result files in a folder; this is one result file."
+        )
     inputs = () if is_folder or file == PIPE else (file,)
     check_target(target, overwrite=overwrite, inputs=inputs)
     made: dict[str, Any] = {
@@ -396,8 +386,7 @@ def report(  # noqa: PLR0913 (one parameter for each option)
     if not is_folder:
         text = text_of(file)
     elif step is not None:
-        msg = "--step chooses within one result file, and a folder holds many."
-        raise OptionError(msg)
+        raise OptionError("--step chooses within one result file, and a folder holds many.")
     else:
         if pages:
             _write_pages_of(file, text_of, overwrite=overwrite)

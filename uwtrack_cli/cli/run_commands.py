@@ -18,8 +18,7 @@ from uwtrack_cli.cli.command_factory import (
 from uwtrack_cli.cli.console import progress_bar, put, say, say_wrote
 from uwtrack_cli.cli.live_run import LIVE_PARAMETERS, LiveOptions, live_target, run_live
 from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS, open_source
-from uwtrack_cli.cli.result_output import print_result
-from uwtrack_cli.cli.sensitivity import say_sensitivity
+from uwtrack_cli.cli.result_output import print_result, say_sensitivity
 from uwtrack_cli.cli.targets import PIPE, WANTED_TWICE
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
@@ -27,7 +26,7 @@ from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import Recording
-from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.errors import OptionError, needing
 from uwtrack_cli.files.checks import STANDARD_INPUT
 
 if TYPE_CHECKING:
@@ -110,8 +109,7 @@ def run(
     name = recipe or _usual_recipe(sources, sensors, source_options["channel"])
     chosen = load_recipe(name).with_settings(settings or [])
     if output is not None and len(sources) > 1:
-        msg = f"--output names one file, and there are {len(sources)} recordings."
-        raise OptionError(msg)
+        raise OptionError(f"--output names one file, and there are {len(sources)} recordings.")
     keep: list[type[Container]] = [Peaks, Families] if keep_peaks else []
     live = LiveOptions(**{p.name: source_options.pop(p.name) for p in LIVE_PARAMETERS})
     if live.is_live(sources):
@@ -202,8 +200,9 @@ def _run_one(
 def _refuse_names(ais: Path | None) -> None:
     """Refuse AIS beside sound whose passages are told before a table can know them."""
     if ais is not None:
-        msg = "--ais goes with recordings; of live sound, uwtrack passages --ais names the vessels."
-        raise OptionError(msg)
+        raise OptionError(
+            "--ais goes with recordings; of live sound, uwtrack passages --ais names the vessels."
+        )
 
 
 def _vessels(
@@ -246,11 +245,10 @@ def _sensor_of_each(sources: Sequence[Path], sensors: Sequence[Path] | None) -> 
         return list(sensors)
     if len(sensors) == 1 and any(d.files for d in load_deployment(sensors[0])):
         return [sensors[0]] * len(sources)
-    msg = (
+    raise OptionError(
         f"{len(sources)} recordings take one --sensor each, in the same order, or one "
         f"deployment file with `files` patterns; got {len(sensors)} sensor files."
     )
-    raise OptionError(msg)
 
 
 def _refuse_twice(sources: Sequence[Path], targets: Sequence[Path], *, as_json: bool) -> None:
@@ -260,11 +258,10 @@ def _refuse_twice(sources: Sequence[Path], targets: Sequence[Path], *, as_json: 
     for target in targets:
         clash = [str(s) for s, t in zip(sources, targets, strict=True) if t == target]
         if len(clash) > 1:
-            msg = (
+            raise OptionError(
                 f"{' and '.join(clash)} would both be written to {target}; "
                 f"run them apart, with --output."
             )
-            raise OptionError(msg)
 
 
 def _print_all(
@@ -313,8 +310,7 @@ def recipes(
     from uwtrack_cli.flow.shipped_recipes import load_recipe, shipped_recipes
 
     if output is not None and graph is None:
-        msg = "--output is the picture of a graph: name the recipe with --graph."
-        raise OptionError(msg)
+        raise OptionError("--output is the picture of a graph: name the recipe with --graph.")
     if show is not None:
         put(load_recipe(show).to_toml().splitlines())
     if graph is not None:
@@ -331,10 +327,7 @@ def _graph(recipe: "Recipe", output: Path | None, *, overwrite: bool) -> None:
     if output is None:
         put(joined.lines())
         return
-    try:
+    with needing("plots need matplotlib", "plot"):
         from uwtrack_cli.plotting.recipe_graph import draw_recipe_graph
-    except ImportError as error:
-        msg = f"plots need matplotlib ({error}); pip install 'uwtrack[plot]'."
-        raise DataError(msg) from error
     draw_recipe_graph(joined.edges(), recipe.name, output, overwrite=overwrite)
     say(f"wrote {output}")

@@ -45,15 +45,13 @@ def study(
     studies = _catalogue()
     if name is None:
         if runs is not None or json_output:
-            msg = f"name the study to repeat: {', '.join(studies)}."
-            raise OptionError(msg)
+            raise OptionError(f"name the study to repeat: {', '.join(studies)}.")
         width = max(map(len, studies))
         put(f"{key:{width}}  {summary_of(place)}" for key, place in studies.items())
         return
     if name not in studies:
         near = nearest(name, studies)
-        msg = f"there is no study {name!r}.{near} There are {', '.join(studies)}."
-        raise OptionError(msg)
+        raise OptionError(f"there is no study {name!r}.{near} There are {', '.join(studies)}.")
     module, _, function = studies[name].partition(":")
     chosen = {} if runs is None else {"runs": runs}
     done: Study = getattr(import_module(module), function)(seed=seed, **chosen)
@@ -75,11 +73,10 @@ def _catalogue() -> dict[str, str]:
     """
     checkout = Path(uwtrack_cli.__file__).resolve().parent.parent
     if not (checkout / "studies" / "catalogue.py").is_file():
-        msg = (
+        raise DataError(
             "the published experiments are not part of the installed program: clone the "
             "project, 'make install' there, then '.venv/bin/uwtrack study'."
         )
-        raise DataError(msg)
     if str(checkout) not in sys.path:
         sys.path.append(str(checkout))
     studies: dict[str, str] = import_module("studies.catalogue").STUDIES

@@ -41,8 +41,7 @@ def product_name(source: Path, suffix: str) -> Path:
     '20.1.lines.h5'
     """
     if not source.name:
-        msg = f"{source} is a folder, not a file."
-        raise DataError(msg)
+        raise DataError(f"{source} is a folder, not a file.")
     stem = source.stem
     if source.suffix == ".h5" and "." in stem:
         stem = stem.rpartition(".")[0]
@@ -65,8 +64,7 @@ def named_target(output: Path | None, source: Path, suffix: str) -> Path:
         It would go to standard output.
     """
     if output == PIPE or (output is None and source == PIPE):
-        msg = "this is written to a file of its own: name it with -o FILE."
-        raise OptionError(msg)
+        raise OptionError("this is written to a file of its own: name it with -o FILE.")
     return output or product_name(source, suffix)
 
 
@@ -116,11 +114,9 @@ def refuse_no_pipe() -> None:
         It is.
     """
     if sys.__stdout__ is None:
-        msg = "standard output is closed; give -o FILE."
-        raise OptionError(msg)
+        raise OptionError("standard output is closed; give -o FILE.")
     if sys.stdout.isatty():
-        msg = "a result file is binary and is not printed on a terminal; give -o FILE."
-        raise OptionError(msg)
+        raise OptionError("a result file is binary and is not printed on a terminal; give -o FILE.")
 
 
 def write_containers(
@@ -184,8 +180,7 @@ class Inputs:
 
         if Series not in wanted or self._sensors:
             why = "--sensors belongs to a CSV table" if self._sensors else "not read here"
-            msg = f"{paths[0]} is a file of tracks and cuts: {why}."
-            raise DataError(msg)
+            raise DataError(f"{paths[0]} is a file of tracks and cuts: {why}.")
         self.held.append(Held(read_replay(paths)))
         self.sources += [source_of(path) for path in paths]
 
@@ -198,11 +193,10 @@ class Inputs:
             No table was read.
         """
         if self._sensor_file is not None and self.products:
-            msg = (
+            raise DataError(
                 f"--sensors {self._sensor_file} belongs to a table that names its "
                 f"sensors; result files hold their own."
             )
-            raise DataError(msg)
 
     def add(self, path: Path, wanted: tuple[type[Container], ...]) -> None:
         """Read a product, or a table of what the stage can read.
@@ -270,5 +264,4 @@ def _read_table(
         if name in {kind.NAME for kind in wanted}:
             return reader(path)
     names = " or ".join(kind.NAME for kind in wanted)
-    msg = f"{path} is a table; expected is a result file with {names}."
-    raise DataError(msg)
+    raise DataError(f"{path} is a table; expected is a result file with {names}.")

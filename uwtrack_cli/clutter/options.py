@@ -96,8 +96,9 @@ class TargetMotion(OptionGroup):
         super().__post_init__()
         quiet, manoeuvre = self.acceleration_std, self.manoeuvre_std
         if quiet is not None and manoeuvre is not None and not manoeuvre > quiet:
-            msg = f"motion.manoeuvre_std must be above acceleration_std ({quiet}), got {manoeuvre}."
-            raise OptionError(msg)
+            raise OptionError(
+                f"motion.manoeuvre_std must be above acceleration_std ({quiet}), got {manoeuvre}."
+            )
 
 
 @dataclass(frozen=True)
@@ -154,18 +155,16 @@ def clutter_setting(
     """
     adaptive = rule != "fixed"
     if adaptive and clutter == "count":
-        msg = (
+        raise OptionError(
             f"threshold {rule!r} chooses the density of clutter and cannot count it; "
             "use clutter 'cells', or threshold 'fixed'."
         )
-        raise OptionError(msg)
     volume = detector.cell_volume
     if volume is None and clutter == "cells":
-        msg = (
+        raise OptionError(
             "the volume of a resolution cell is needed: give detector.cell_volume "
             "(--detector-cell-volume), or a fixed threshold with clutter 'count'."
         )
-        raise OptionError(msg)
     curve = _curve(detector, roc, adaptive=adaptive)
     return ClutterSetting(
         rule=rule, curve=curve, dimension=dimension, gate=gate,
@@ -184,12 +183,11 @@ def _curve(detector: Detector, roc: Roc | None, *, adaptive: bool) -> OperatingC
     if detection is not None and not adaptive:
         return constant_curve(detection)
     if detector.snr_db is None:
-        msg = (
+        raise OptionError(
             "how well the target is detected is not known: give detector.snr_db "
             "(--detector-snr-db) or a measured curve"
             + ("." if adaptive else ", or detector.detection_probability.")
         )
-        raise OptionError(msg)
     return model_curve(detector.model, 10.0 ** (detector.snr_db / 10.0))
 
 
@@ -197,35 +195,30 @@ def _check_roc(roc: Roc) -> None:
     false_alarm, detection = roc.false_alarm_probability, roc.detection_probability
     threshold = roc.threshold
     if false_alarm.size < 2:
-        msg = f"a measured curve needs two points or more, got {false_alarm.size}."
-        raise DataError(msg)
+        raise DataError(f"a measured curve needs two points or more, got {false_alarm.size}.")
     inside = (false_alarm > 0) & (false_alarm < 1) & (detection > 0) & (detection <= 1)
     if not inside.all():
         row = int(np.flatnonzero(~inside)[0])
-        msg = (
+        raise DataError(
             f"point {row + 1} of the measured curve is not a probability: "
             f"false alarm {false_alarm[row]}, detection {detection[row]}."
         )
-        raise DataError(msg)
     if np.any(np.diff(false_alarm) <= 0) or np.any(np.diff(detection) < 0):
-        msg = (
+        raise DataError(
             "a measured curve must rise: order its points by false alarm probability, "
             "with detection probabilities that do not fall."
         )
-        raise DataError(msg)
     if np.isfinite(threshold).all() and np.any(np.diff(threshold) >= 0):
-        msg = "the thresholds of a measured curve must fall from point to point."
-        raise DataError(msg)
+        raise DataError("the thresholds of a measured curve must fall from point to point.")
 
 
 def _within(false_alarm: float, curve: OperatingCurve) -> float:
     low, high = curve.limits
     if not low <= false_alarm <= high:
-        msg = (
+        raise OptionError(
             "detector.false_alarm_probability must be on the measured curve "
             f"({low:g} to {high:g}), got {false_alarm}."
         )
-        raise OptionError(msg)
     return false_alarm
 
 
@@ -233,11 +226,10 @@ def _limits(detector: Detector, curve: OperatingCurve) -> tuple[float, float]:
     low, high = detector.false_alarm_range
     low, high = max(low, curve.limits[0]), min(high, curve.limits[1])
     if not low < high:
-        msg = (
+        raise OptionError(
             f"detector.false_alarm_range {detector.false_alarm_range} does not meet the "
             f"measured curve, which runs from {curve.limits[0]} to {curve.limits[1]}."
         )
-        raise OptionError(msg)
     return low, high
 
 
@@ -288,21 +280,19 @@ def motion_models(motion: TargetMotion, component_unit: TextArray) -> MotionMode
     """
     quiet, manoeuvre = motion.acceleration_std, motion.manoeuvre_std
     if quiet is None:
-        msg = (
+        raise OptionError(
             "motion.acceleration_std (--motion-acceleration-std) must be given, in units "
             "of the components per s^2."
         )
-        raise OptionError(msg)
     variance, turn = [quiet**2], [0.0]
     if manoeuvre is not None:
         variance, turn = [*variance, manoeuvre**2], [*turn, 0.0]
     if motion.turn_rate_degps is not None:
         if component_unit.size != 2 or component_unit[0] != component_unit[1]:
-            msg = (
+            raise OptionError(
                 "motion.turn_rate_degps is of a target in a plane, whose two components "
                 f"have one unit; these have {', '.join(map(repr, component_unit.tolist()))}."
             )
-            raise OptionError(msg)
         rate = float(np.radians(motion.turn_rate_degps))
         variance, turn = [*variance, quiet**2, quiet**2], [*turn, rate, -rate]
     others = len(variance) - 1

@@ -209,12 +209,11 @@ def _own_ship(scans: Scans, navigation: Navigation | None, sensing: Sensing) -> 
     if navigation is None:
         return None
     if sensing.kind == "components":
-        msg = (
+        raise OptionError(
             "own ship's navigation belongs to scans of bearings in deg, alone or with a "
             "range in m and perhaps a range rate in m/s, these have "
             f"{', '.join(map(repr, scans.component_unit.tolist()))}; leave --own-ship out."
         )
-        raise OptionError(msg)
     found = own_motion(navigation, scans.time_s, scans.start_utc_ns, "scans")
     return np.concatenate([found.position, found.velocity], axis=1)
 
@@ -222,17 +221,15 @@ def _own_ship(scans: Scans, navigation: Navigation | None, sensing: Sensing) -> 
 def _refuse_of_several(threshold: str, clutter: str, *, begins: bool) -> None:
     """Refuse what several targets cannot have."""
     if threshold != "fixed":
-        msg = (
+        raise OptionError(
             f"threshold {threshold!r} is chosen for the region of one target; "
             "several need threshold 'fixed' (--threshold fixed)."
         )
-        raise OptionError(msg)
     if begins and clutter == "count":
-        msg = (
+        raise OptionError(
             "the rate of false tracks rests on a density of clutter that is told: use "
             "clutter 'cells' with targets 'auto'."
         )
-        raise OptionError(msg)
 
 
 def _follow_one(
@@ -269,8 +266,7 @@ def _confirming_score(
     Any of the measurements may begin a track.
     """
     if len(rows) < 2:
-        msg = "targets 'auto' need two scans or more, got one."
-        raise DataError(msg)
+        raise DataError("targets 'auto' need two scans or more, got one.")
     span = float(scans.time_s[rows[-1][0]] - scans.time_s[rows[0][0]])
     hours = span * len(rows) / (len(rows) - 1) / 3600.0
     return max(float(np.log(max(starts, 1) / hours / false_tracks_per_hour)), 0.0)

@@ -21,8 +21,7 @@ def check_scans(scans: Scans, measured_std: list[float] | None, *, adaptive: boo
     measured = has_measurement(scans)
     if not measured.any():
         n_scans = np.unique(scans.scan).size
-        msg = f"all {n_scans} scans are empty: there is no measurement to follow."
-        raise DataError(msg)
+        raise DataError(f"all {n_scans} scans are empty: there is no measurement to follow.")
     torn = ~measured & np.asarray(np.isfinite(scans.measured).any(axis=1))
     _refuse(np.asarray(torn), "has only some of its components; give all of them or none")
     step, later = np.diff(scans.scan), np.diff(scans.time_s)
@@ -35,11 +34,10 @@ def check_scans(scans: Scans, measured_std: list[float] | None, *, adaptive: boo
     given = scans.measured_std
     if measured_std is not None:
         if len(measured_std) != given.shape[1]:
-            msg = (
+            raise OptionError(
                 f"measured_std must be {given.shape[1]} numbers, one for each "
                 f"component, got {measured_std}."
             )
-            raise OptionError(msg)
         given = np.where(np.isnan(given), measured_std, given)
     bad = measured[:, None] & ~(given > 0.0)
     _refuse(
@@ -69,8 +67,7 @@ def _later(bad: BoolArray) -> BoolArray:
 def _refuse(bad: BoolArray, what: str) -> None:
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
-        msg = f"row {row + 1} of the scans {what}."
-        raise DataError(msg)
+        raise DataError(f"row {row + 1} of the scans {what}.")
 
 
 def split_scans(scans: Scans) -> list[IntArray]:

@@ -127,18 +127,16 @@ def track_starts(
     ranges: FloatArray = np.ones(1)
     needs_ranges = sensing.kind == "bearings" and (begins or start.position is None)
     if start.range_m is not None and not needs_ranges:
-        msg = (
+        raise OptionError(
             "start.range_m (--start-range-m) belongs to tracks that begin at bearings "
             "alone, with own ship's navigation and without a position; leave it out."
         )
-        raise OptionError(msg)
     if needs_ranges:
         if start.range_m is None:
-            msg = (
+            raise OptionError(
                 "bearings alone do not tell where a track begins: give start.range_m "
                 "(--start-range-m LEAST GREATEST) or start.position (--start-position)."
             )
-            raise OptionError(msg)
         low, high = np.log(start.range_m)
         # neighbours meet one deviation from their middles
         step = 2.0 * np.log1p(RANGE_SHARE)
@@ -175,8 +173,7 @@ def told_starts(
             time_s = start.time_s
             first = int(sum(scans.time_s[index[0]] < time_s for index in rows))
     if first >= len(rows):
-        msg = f"there is no scan after the start of the track at {time_s:g} s."
-        raise DataError(msg)
+        raise DataError(f"there is no scan after the start of the track at {time_s:g} s.")
     return FirstState(belief, first, time_s)
 
 
@@ -187,12 +184,11 @@ def _strongest(scans: Scans, rows: list[IntArray]) -> tuple[int, int]:
     index = rows[scan][measured[rows[scan]]]
     amplitude = scans.amplitude[index]
     if index.size > 1 and np.isnan(amplitude).any():
-        msg = (
+        raise DataError(
             f"scan {int(scans.scan[index[0]])} has {index.size} measurements without "
             "amplitude, and any may be the target: give start.position "
             "(--start-position)."
         )
-        raise DataError(msg)
     best = 0 if index.size == 1 else int(amplitude.argmax())
     return scan + 1, int(index[best])
 
@@ -205,24 +201,23 @@ def n_told(start: TargetStart, dimension: int) -> int:
     if start.velocity is not None:
         rates = len(_by_target(start.velocity, "velocity", dimension))
         if rates not in {1, count}:
-            msg = (
+            raise OptionError(
                 f"start.velocity must be {dimension} numbers for all targets or for "
                 f"each of the {count} told, got {start.velocity}."
             )
-            raise OptionError(msg)
     return count
 
 
 def _by_target(values: list[float], name: str, dimension: int) -> FloatArray:
     """Return the components that were told for each target, ``(target, m)``."""
     if not values or len(values) % dimension:
-        msg = f"start.{name} must be {dimension} numbers for each target, got {values}."
-        raise OptionError(msg)
+        raise OptionError(
+            f"start.{name} must be {dimension} numbers for each target, got {values}."
+        )
     return np.array(values, dtype=np.float64).reshape(-1, dimension)
 
 
 def _needed(value: float | None, name: str) -> float:
     if value is None:
-        msg = f"start.{name} (--start-{name.replace('_', '-')}) must be given."
-        raise OptionError(msg)
+        raise OptionError(f"start.{name} (--start-{name.replace('_', '-')}) must be given.")
     return value

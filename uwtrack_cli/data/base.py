@@ -241,26 +241,23 @@ class Container:
             if rows is None:
                 continue
             if rows.size and not (rows.min() >= 0 and rows.max() < count):
-                msg = (
+                raise DataError(
                     f"{type(self).__name__}.{name} must hold rows from 0 to "
                     f"{count - 1}, got {rows.min()} to {rows.max()}."
                 )
-                raise DataError(msg)
 
     def _check_axes(
         self, name: str, array: NDArray[Any], axes: tuple[str, ...], sizes: dict[str, int]
     ) -> None:
         kind = type(self).__name__
         if array.ndim != len(axes):
-            msg = f"{kind}.{name} must have axes {axes}, got shape {array.shape}."
-            raise DataError(msg)
+            raise DataError(f"{kind}.{name} must have axes {axes}, got shape {array.shape}.")
         for axis, size in zip(axes, array.shape, strict=True):
             if sizes.setdefault(axis, size) != size:
-                msg = (
+                raise DataError(
                     f"{kind}.{name} has {size} values along {axis!r}, "
                     f"the columns before it have {sizes[axis]}."
                 )
-                raise DataError(msg)
 
     @classmethod
     def columns(cls) -> dict[str, Column]:
@@ -386,8 +383,7 @@ class Container:
             There is no block to join.
         """
         if not blocks:
-            msg = f"there is no block of {cls.__name__} to join."
-            raise DataError(msg)
+            raise DataError(f"there is no block of {cls.__name__} to join.")
         last = blocks[-1]
         if len(blocks) == 1:
             return last

@@ -222,8 +222,7 @@ def from_table(kind: type[T], table: object, where: str) -> T:
     if isinstance(table, kind):
         return table
     if not isinstance(table, Mapping):
-        msg = f"{where} must be a table of keys and values, got {shown(table)}."
-        raise OptionError(msg)
+        raise OptionError(f"{where} must be a table of keys and values, got {shown(table)}.")
     hints = get_type_hints(kind, include_extras=True)
     known = {_key(hints[spec.name], spec.name): spec for spec in _fields(kind)}
     refuse_unknown(table, known, where)
@@ -231,8 +230,7 @@ def from_table(kind: type[T], table: object, where: str) -> T:
         if key not in table and spec.default is MISSING:
             if spec.default_factory is not MISSING:
                 continue
-            msg = f"{where} needs the key {key!r}; known keys: {', '.join(known)}."
-            raise OptionError(msg)
+            raise OptionError(f"{where} needs the key {key!r}; known keys: {', '.join(known)}.")
     values = {
         spec.name: convert(f"{where}.{key}", hints[spec.name], table[key])
         for key, spec in known.items()
@@ -241,8 +239,7 @@ def from_table(kind: type[T], table: object, where: str) -> T:
     try:
         return kind(**values)
     except OptionError as error:
-        msg = f"{where}: {error}"
-        raise OptionError(msg) from error
+        raise OptionError(f"{where}: {error}") from error
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
@@ -270,8 +267,9 @@ def refuse_unknown(
     for name in given:
         if name not in known:
             hint = nearest(str(name), known)
-            msg = f"{where} has no {noun} {shown(name)}.{hint} It has: {', '.join(known)}."
-            raise OptionError(msg)
+            raise OptionError(
+                f"{where} has no {noun} {shown(name)}.{hint} It has: {', '.join(known)}."
+            )
 
 
 def unit_of(hint: Any) -> str:
@@ -371,8 +369,7 @@ def _converted(where: str, plain: Any, rules: tuple[Any, ...], value: Any) -> An
         return _any_of(where, arguments, rules, value)
     if isinstance(plain, type) and not isinstance(value, plain):
         noun = {str: "a text", bool: "true or false"}.get(plain, plain.__name__)
-        msg = f"{where} must be {noun}, got {shown(value)}."
-        raise OptionError(msg)
+        raise OptionError(f"{where} must be {noun}, got {shown(value)}.")
     return value
 
 
@@ -392,23 +389,20 @@ def _one_of(where: str, choices: tuple[Any, ...], value: Any) -> Any:
         isinstance(choice, bool) for choice in choices
     ):
         names = ", ".join(map(repr, choices))
-        msg = f"{where} must be one of {names}, got {shown(value)}."
-        raise OptionError(msg)
+        raise OptionError(f"{where} must be one of {names}, got {shown(value)}.")
     return value
 
 
 def _sequence(where: str, plain: Any, rules: tuple[Any, ...], value: Any) -> Any:
     origin, arguments = get_origin(plain), get_args(plain)
     if not isinstance(value, list | tuple):
-        msg = f"{where} must be a list of values, got {shown(value)}."
-        raise OptionError(msg)
+        raise OptionError(f"{where} must be a list of values, got {shown(value)}.")
     if origin is list or Ellipsis in arguments:
         hints: tuple[Any, ...] = (arguments[0],) * len(value)
     else:
         hints = arguments
     if len(value) != len(hints):
-        msg = f"{where} takes {len(hints)} values, got {len(value)}: {shown(value)}."
-        raise OptionError(msg)
+        raise OptionError(f"{where} takes {len(hints)} values, got {len(value)}: {shown(value)}.")
     found = []
     each = tuple(r for r in rules if not isinstance(r, Increasing))
     for number, (hint, element) in enumerate(zip(hints, value, strict=True), 1):
@@ -417,8 +411,7 @@ def _sequence(where: str, plain: Any, rules: tuple[Any, ...], value: Any) -> Any
         found.append(_converted(place, inner, (*own, *each), element))
     increasing = any(isinstance(r, Increasing) for r in rules)
     if increasing and any(a >= b for a, b in itertools.pairwise(found)):
-        msg = f"{where} must be increasing, got {shown(value)}."
-        raise OptionError(msg)
+        raise OptionError(f"{where} must be increasing, got {shown(value)}.")
     return origin(found)
 
 

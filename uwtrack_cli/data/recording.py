@@ -1,6 +1,6 @@
 """A recording: samples that are read block by block, and never held as a whole."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import Container, FloatArray, IntArray, TextArray, column, scalar
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, OptionError
 
 Samples = NDArray[np.float32]
 """Samples in full-scale units, shape (sample, channel)."""
@@ -162,10 +162,38 @@ def read_segment(reader: Reader | None, first_sample: int, n_samples: int) -> Sa
     """
     read = getattr(reader, "segment", None)
     if read is None:
-        msg = "the sound is not at hand to be read again; open the recording's file."
-        raise DataError(msg)
+        raise DataError("the sound is not at hand to be read again; open the recording's file.")
     samples: Samples = read(first_sample, n_samples)
     return samples
+
+
+def check_block(block_samples: int) -> None:
+    """Refuse a block of no sample.
+
+    Raises
+    ------
+    OptionError
+        It has less than one.
+    """
+    if block_samples < 1:
+        raise OptionError(f"block_samples must be 1 or more, got {block_samples}.")
+
+
+def in_blocks(pieces: Iterable[Samples], block_samples: int) -> Iterator[Samples]:
+    """Yield pieces of any length as blocks of so many samples, the last one shorter."""
+    held: list[Samples] = []
+    count = 0
+    for piece in pieces:
+        held.append(piece)
+        count += len(piece)
+        if count >= block_samples:
+            joined = np.concatenate(held)
+            whole = count - count % block_samples
+            for begin in range(0, whole, block_samples):
+                yield joined[begin : begin + block_samples]
+            held, count = [joined[whole:]], count - whole
+    if count:
+        yield np.concatenate(held)
 
 
 @dataclass(frozen=True)

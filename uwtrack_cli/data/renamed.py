@@ -61,8 +61,7 @@ def with_old_options(stage: str, given: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in given.items():
         new = OPTIONS.get((stage, name), name)
         if new in found or (new != name and new in given):
-            msg = f"{stage}.{name} is now called {new}, and both are given: give one."
-            raise OptionError(msg)
+            raise OptionError(f"{stage}.{name} is now called {new}, and both are given: give one.")
         words = VALUES.get((stage, new), {}) if isinstance(value, str) else {}
         found[new] = words.get(value, value) if words else value
     return found

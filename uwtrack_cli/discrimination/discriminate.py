@@ -71,8 +71,7 @@ def arrange_contacts(
     """Return every pair of contacts, ready for the filters."""
     numbers = np.unique(contacts.contact)
     if numbers.size < 2:
-        msg = f"two contacts or more are needed, the table has {numbers.size}."
-        raise DataError(msg)
+        raise DataError(f"two contacts or more are needed, the table has {numbers.size}.")
     measured, variance = _measurements(contacts, errors)
     times = np.unique(contacts.time_s)
     own = own_motion(navigation, times, contacts.start_utc_ns, "contacts")
@@ -83,8 +82,7 @@ def arrange_contacts(
         again = np.flatnonzero(np.diff(np.sort(at)) == 0)
         if again.size:
             when = times[np.sort(at)[again[0]]]
-            msg = f"contact {number} has two measurements at {when:g} s."
-            raise DataError(msg)
+            raise DataError(f"contact {number} has two measurements at {when:g} s.")
         table = np.full((times.size, 3), np.nan)
         spread = np.ones((times.size, 3))
         table[at] = measured[rows]
@@ -104,11 +102,10 @@ def _pair(
     has = np.array([[np.isfinite(s.measured).all() for s in t] for t in (first, second)])
     both = np.flatnonzero(has.all(axis=0))
     if both.size < 2:
-        msg = (
+        raise DataError(
             f"contacts {a} and {b} share {both.size} complete scans (range, bearing and "
             "range rate at the same time); two or more are needed."
         )
-        raise DataError(msg)
     begin, end = both[0], both[-1] + 1
     alone = has.any(axis=1)
     earlier = has[:, :begin]
@@ -132,8 +129,7 @@ def _measurements(contacts: Contacts, errors: ContactErrors) -> tuple[FloatArray
             else np.flatnonzero(~np.isfinite(values))
         )
         if bad.size:
-            msg = f"row {bad[0] + 1} of the contacts: {name} is {values[bad[0]]}."
-            raise DataError(msg)
+            raise DataError(f"row {bad[0] + 1} of the contacts: {name} is {values[bad[0]]}.")
     bearing = np.deg2rad(90.0 - contacts.bearing_deg)
     measured = np.stack([contacts.range_m, bearing, contacts.range_rate_mps], axis=1)
     deviations = [
@@ -172,11 +168,10 @@ def _deviation(contacts: Contacts, errors: ContactErrors, name: str) -> FloatArr
     measured = np.isfinite(getattr(contacts, name.replace("_std", "")))
     bad = np.flatnonzero(measured & ~(values > 0.0))
     if bad.size:
-        msg = (
+        raise DataError(
             f"row {bad[0] + 1} of the contacts: {name} is {values[bad[0]]}; give a "
             f"deviation above 0, or errors.{name} (--errors-{name.replace('_', '-')})."
         )
-        raise DataError(msg)
     return np.where(np.isfinite(values), values, 1.0)
 
 

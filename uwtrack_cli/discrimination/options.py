@@ -72,11 +72,10 @@ class ContactFilters(OptionGroup):
         super().__post_init__()
         quiet, manoeuvre = self.acceleration_std_mps2, self.manoeuvre_std_mps2
         if manoeuvre is not None and manoeuvre <= quiet:
-            msg = (
+            raise OptionError(
                 "filters.manoeuvre_std_mps2 must be above acceleration_std_mps2 "
                 f"({quiet}), got {manoeuvre}."
             )
-            raise OptionError(msg)
 
     @property
     def intensities(self) -> FloatArray:

@@ -41,25 +41,22 @@ def times_of_navigation(
     """
     clock = navigation.time_s
     if clock.size < 2 or np.any(np.diff(clock) <= 0.0):
-        msg = (
+        raise DataError(
             f"own ship's navigation needs two rows or more with rising times, it has {clock.size}."
         )
-        raise DataError(msg)
     if (start_utc_ns is None) != (navigation.start_utc_ns is None):
-        msg = (
+        raise DataError(
             f"one of {what} and navigation has UTC times and the other seconds alone; "
             "give both in time_utc, or both in time_s of one clock."
         )
-        raise DataError(msg)
     now = time_s
     if start_utc_ns is not None and navigation.start_utc_ns is not None:
         now = time_s + (start_utc_ns - navigation.start_utc_ns) / NANOSECONDS
     if now[0] < clock[0] or now[-1] > clock[-1]:
-        msg = (
+        raise DataError(
             f"the {what} run from {now[0]:g} to {now[-1]:g} s, own ship's navigation "
             f"from {clock[0]:g} to {clock[-1]:g} s; it must cover them."
         )
-        raise DataError(msg)
     return now
 
 

@@ -131,11 +131,10 @@ def innovate(
     if spread.shape[-1] > 2:
         smallest = spread.diagonal(0, -2, -1).min(axis=-1)
     if not np.minimum(determinant, smallest).min() > 0.0:
-        msg = (
+        raise DataError(
             "the covariance of an innovation is not positive definite: check the "
             "covariances of the state and of the measurements."
         )
-        raise DataError(msg)
     inverse = _inverse(spread, determinant)
     gain = cross @ inverse
     turned = cross.swapaxes(-1, -2)

@@ -47,8 +47,7 @@ def atomic_target(
         is_ours = temporary is None or error.filename in {None, str(temporary)}
         if isinstance(error, OutputError) or not is_ours:
             raise
-        msg = f"cannot write {path}: {error.strerror or error}."
-        raise OutputError(msg) from error
+        raise OutputError(f"cannot write {path}: {error.strerror or error}.") from error
 
 
 def write_text(
@@ -75,39 +74,36 @@ def check_target(path: Path, *, overwrite: bool, inputs: Sequence[Path] = ()) ->
     except (OSError, RuntimeError, ValueError) as error:
         if isinstance(error, OutputError):
             raise
-        msg = f"cannot write {path}: {getattr(error, 'strerror', None) or error}."
-        raise OutputError(msg) from error
+        raise OutputError(
+            f"cannot write {path}: {getattr(error, 'strerror', None) or error}."
+        ) from error
     return target
 
 
 def _check_folder(path: Path, folder: Path) -> None:
     if not folder.exists():
-        msg = f"cannot write {path}: the folder {folder} does not exist; make it first."
-        raise OutputError(msg)
+        raise OutputError(
+            f"cannot write {path}: the folder {folder} does not exist; make it first."
+        )
     if not folder.is_dir():
-        msg = f"cannot write {path}: {folder} is a file, not a folder."
-        raise OutputError(msg)
+        raise OutputError(f"cannot write {path}: {folder} is a file, not a folder.")
     if not os.access(folder, os.W_OK | os.X_OK):
-        msg = f"cannot write {path}: no permission to write in {folder}."
-        raise OutputError(msg)
+        raise OutputError(f"cannot write {path}: no permission to write in {folder}.")
 
 
 def _check_existing(path: Path, target: Path, *, overwrite: bool, inputs: Sequence[Path]) -> None:
     if not target.exists():
         return
     if target.is_dir():
-        msg = f"cannot write {path}: it is a folder; name a file in it with -o."
-        raise OutputError(msg)
+        raise OutputError(f"cannot write {path}: it is a folder; name a file in it with -o.")
     refuse_input(path)
     for source in inputs:
         if Path(source).exists() and target.samefile(source):
             raise OutputError(refusal(path))
     if not target.is_file():
-        msg = f"cannot write {path}: it is a device or a pipe, not a regular file."
-        raise OutputError(msg)
+        raise OutputError(f"cannot write {path}: it is a device or a pipe, not a regular file.")
     if not overwrite:
-        msg = f"{path} exists already; give --overwrite to replace it."
-        raise OutputError(msg)
+        raise OutputError(f"{path} exists already; give --overwrite to replace it.")
 
 
 def _hidden(target: Path) -> Path:
@@ -146,8 +142,9 @@ def _link(temporary: Path, target: Path, folder: int) -> None:
     try:
         os.link(temporary, target.name, dst_dir_fd=folder, follow_symlinks=True)
     except FileExistsError as error:
-        msg = f"{target} appeared meanwhile; give --overwrite to replace it."
-        raise OutputError(msg) from error
+        raise OutputError(
+            f"{target} appeared meanwhile; give --overwrite to replace it."
+        ) from error
     except OSError:
         if temporary.parent == NAMELESS:
             raise

@@ -46,21 +46,16 @@ def check_readable(path: Path) -> None:
     """
     try:
         if not path.exists():
-            msg = f"{path} does not exist.{_nearest(path)}"
-            raise MissingError(msg)
+            raise MissingError(f"{path} does not exist.{_nearest(path)}")
         if path.is_dir():
-            msg = f"{path} is a folder, not a file."
-            raise DataError(msg)
+            raise DataError(f"{path} is a folder, not a file.")
         if not path.is_file():
-            msg = f"{path} is a device or a pipe, not a regular file."
-            raise DataError(msg)
+            raise DataError(f"{path} is a device or a pipe, not a regular file.")
         with as_input(path).open("rb") as handle:
             if not handle.read(1):
-                msg = f"{path} is empty."
-                raise DataError(msg)
+                raise DataError(f"{path} is empty.")
     except OSError as error:
-        msg = f"cannot read {path}: {error.strerror or error}."
-        raise MissingError(msg) from error
+        raise MissingError(f"cannot read {path}: {error.strerror or error}.") from error
 
 
 def file_digest(path: Path) -> str:
@@ -75,5 +70,4 @@ def file_digest(path: Path) -> str:
         with as_input(path).open("rb") as handle:
             return hashlib.file_digest(handle, "sha256").hexdigest()
     except OSError as error:
-        msg = f"cannot read {path}: {error.strerror or error}."
-        raise DataError(msg) from error
+        raise DataError(f"cannot read {path}: {error.strerror or error}.") from error

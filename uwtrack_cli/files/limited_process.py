@@ -36,11 +36,11 @@ _TIME_SIGNALS = (signal.SIGXCPU, signal.SIGALRM) if hasattr(signal, "SIGXCPU") e
 TOO_LONG = json.dumps(["refused", "reading it takes too long"]).encode()
 
 
-def run_limited(function: str, *arguments: str, seconds: float, data: bytes = b"") -> Any:
+def run_limited(function: str, *arguments: str, seconds: float) -> Any:
     """Return what a function returns, run in a child process with limits.
 
-    ``function``: its module and name, ``package.module:name``; it takes the arguments
-    and the data, and returns what JSON can hold. ``seconds``: processor time that the
+    ``function``: its module and name, ``package.module:name``; it takes the arguments,
+    and returns what JSON can hold. ``seconds``: processor time that the
     child may take.
 
     Raises
@@ -50,7 +50,7 @@ def run_limited(function: str, *arguments: str, seconds: float, data: bytes = b"
         memory.
     """
     run = _forked if CAN_FORK else _spawned
-    answer = run(function, arguments, seconds, data)
+    answer = run(function, arguments, seconds)
     try:
         kind, value = json.loads(answer)
     except ValueError:
@@ -60,13 +60,13 @@ def run_limited(function: str, *arguments: str, seconds: float, data: bytes = b"
     return value
 
 
-def _answer(function: str, arguments: tuple[str, ...], seconds: float, data: bytes) -> bytes:
+def _answer(function: str, arguments: tuple[str, ...], seconds: float) -> bytes:
     """Run the function within the limits, and return its answer."""
     _limit(seconds)
     module, name = function.split(":")
     kind, value = "refused", "reading it takes too much memory"
     try:
-        found = getattr(importlib.import_module(module), name)(*arguments, data)
+        found = getattr(importlib.import_module(module), name)(*arguments)
         kind, value = "done", found
     except UwtrackError as error:
         value = str(error)
@@ -90,13 +90,13 @@ def _limit(seconds: float) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 
 
-def _forked(function: str, arguments: tuple[str, ...], seconds: float, data: bytes) -> bytes:
+def _forked(function: str, arguments: tuple[str, ...], seconds: float) -> bytes:
     receive, send = os.pipe()
     with warnings.catch_warnings():  # other threads do not matter: the child uses none
         warnings.simplefilter("ignore", DeprecationWarning)
         child = os.fork()
     if child == 0:
-        _be_the_child(send, function, arguments, seconds, data)
+        _be_the_child(send, function, arguments, seconds)
     os.close(send)
     try:
         answer = _received(receive, time.monotonic() + CLOCK * seconds)
@@ -111,9 +111,7 @@ def _forked(function: str, arguments: tuple[str, ...], seconds: float, data: byt
     return TOO_LONG if is_late else answer
 
 
-def _be_the_child(
-    send: int, function: str, arguments: tuple[str, ...], seconds: float, data: bytes
-) -> NoReturn:
+def _be_the_child(send: int, function: str, arguments: tuple[str, ...], seconds: float) -> NoReturn:
     """Answer and end, without ever returning into what the parent was doing."""
     try:
         for number in (signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT,
@@ -123,7 +121,7 @@ def _be_the_child(
         quiet = os.open(os.devnull, os.O_WRONLY)
         os.dup2(quiet, 1)
         os.dup2(quiet, 2)
-        answer = _answer(function, arguments, seconds, data)
+        answer = _answer(function, arguments, seconds)
         while answer:
             answer = answer[os.write(send, answer) :]
     finally:
@@ -142,11 +140,11 @@ def _received(receive: int, until: float) -> bytes:
         parts.append(part)
 
 
-def _spawned(function: str, arguments: tuple[str, ...], seconds: float, data: bytes) -> bytes:
+def _spawned(function: str, arguments: tuple[str, ...], seconds: float) -> bytes:
     try:
         done = subprocess.run(  # noqa: S603
             [sys.executable, "-m", __name__, function, str(seconds), *arguments],
-            input=data, capture_output=True, timeout=CLOCK * seconds, check=False,
+            stdin=subprocess.DEVNULL, capture_output=True, timeout=CLOCK * seconds, check=False,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         return TOO_LONG
@@ -155,6 +153,4 @@ def _spawned(function: str, arguments: tuple[str, ...], seconds: float, data: by
 
 
 if __name__ == "__main__":
-    sys.stdout.buffer.write(
-        _answer(sys.argv[1], tuple(sys.argv[3:]), float(sys.argv[2]), sys.stdin.buffer.read())
-    )
+    sys.stdout.buffer.write(_answer(sys.argv[1], tuple(sys.argv[3:]), float(sys.argv[2])))

@@ -86,19 +86,6 @@ def shell_word(path: Path | str) -> str:
     return shlex.quote(f"./{text}" if text.startswith("-") and text != "-" else text)
 
 
-def html_text(text: str) -> str:
-    """Return text for HTML: no tag, no entity, no end of an attribute.
-
-    Examples
-    --------
-    >>> html_text("<b>")
-    '&lt;b&gt;'
-    """
-    from html import escape
-
-    return escape(plain_text(text))
-
-
 def xml_text(text: str) -> str:
     """Return text that XML can hold; whoever writes the XML escapes its marks."""
     return plain_text(text)

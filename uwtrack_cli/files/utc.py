@@ -34,14 +34,12 @@ def parse_utc(text: str, zone: tzinfo = UTC) -> int:
     """
     found = ISO.fullmatch(text.strip())
     if found is None:
-        msg = f"{text!r} is no time such as 2018-01-13T16:12:01.862Z."
-        raise DataError(msg)
+        raise DataError(f"{text!r} is no time such as 2018-01-13T16:12:01.862Z.")
     date, clock, fraction, own = found.groups()
     try:
         day = datetime.fromisoformat(f"{date}T{clock}")
     except ValueError as error:
-        msg = f"{text!r} is no time that exists: {error}."
-        raise DataError(msg) from error
+        raise DataError(f"{text!r} is no time that exists: {error}.") from error
     if own is not None:
         zone = UTC if own.upper() in {"Z", "UTC"} else named_zone(own)
     return epoch_ns(day, zone) + int((fraction or "").ljust(9, "0"))
@@ -57,11 +55,10 @@ def epoch_ns(local: datetime, zone: tzinfo) -> int:
     """
     choices = {local.replace(tzinfo=zone, fold=fold).utcoffset() for fold in (0, 1)}
     if len(choices) > 1:
-        msg = (
+        raise DataError(
             f"{local} is not one time in {zone}: clocks were changed then; "
             f"give the time with its offset."
         )
-        raise DataError(msg)
     span = local.replace(tzinfo=zone) - EPOCH
     seconds = span.days * 86_400 + span.seconds
     return seconds * NANOSECONDS + span.microseconds * 1_000
@@ -88,8 +85,9 @@ def named_zone(name: str) -> tzinfo:
     try:
         return ZoneInfo(name)
     except (ZoneInfoNotFoundError, ValueError, OSError) as error:
-        msg = f"unknown time zone {name!r}; such as UTC, Asia/Seoul or +09:00."
-        raise OptionError(msg) from error
+        raise OptionError(
+            f"unknown time zone {name!r}; such as UTC, Asia/Seoul or +09:00."
+        ) from error
 
 
 def format_utc(time_ns: int) -> str:

@@ -81,6 +81,11 @@ class Job:
     statement: Statement | None = None
     """What the product that is there says; None if it has not been read."""
 
+    def failed(self, message: str = "") -> "Outcome":
+        """Return the outcome if it fails, which others are made of, too."""
+        names = str(self.sources[0]), str(self.target)
+        return Outcome(*names, FAILED, message, n_sources=len(self.sources))
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -143,13 +148,13 @@ def run_job(job: Job, progress: Progress | None = None) -> Outcome:
     ``progress``: called with the seconds of sound that are done.
     """
     begin = time.process_time()
-    blank = Outcome(str(job.sources[0]), str(job.target), FAILED, n_sources=len(job.sources))
+    blank = job.failed()
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", UwtrackWarning)
         try:
             with input_ledger():
-                outcome = _make(job, blank, progress)
+                outcome = _make(job, progress)
         except (MissingError, OutputError) as error:
             outcome = replace(blank, message=str(error), retry=True)
         except (DataError, ValueError) as error:
@@ -185,16 +190,19 @@ class _Opened:
     faults: tuple[dict[str, Any], ...] = ()
     """Files that could not be read, or not to their end."""
 
+    def begun(self, job: Job) -> Outcome:
+        """Return the outcome of a job that has opened this, so far."""
+        n_sources, duration_s = len(self.sources), self.recording.duration_s
+        return replace(job.failed(), n_sources=n_sources, duration_s=duration_s, faults=self.faults)
 
-def _make(job: Job, blank: Outcome, progress: Progress | None) -> Outcome:
+
+def _make(job: Job, progress: Progress | None) -> Outcome:
     opened = _opened(job)
     recording = opened.recording
     vessels = None if job.ais is None else read_vessels(job.ais, job.within_m)
     if vessels is not None:
         vessels.check(recording)
-    begun = replace(
-        blank, n_sources=len(opened.sources), duration_s=recording.duration_s, faults=opened.faults
-    )
+    begun = opened.begun(job)
     is_there = job.target.exists()
     if is_there:
         with not_an_input():  # a product that is not complete is made again
@@ -258,15 +266,7 @@ def finished(job: Job) -> Outcome | None:
         return None
     if found is None:
         return None
-    return Outcome(
-        str(job.sources[0]),
-        str(job.target),
-        DONE,
-        n_sources=len(opened.sources),
-        duration_s=opened.recording.duration_s,
-        encounters=found,
-        faults=opened.faults,
-    )
+    return replace(opened.begun(job), status=DONE, encounters=found)
 
 
 def _opened(job: Job) -> _Opened:
@@ -335,14 +335,12 @@ def _kept(
     if may_stay:
         other = "" if job.overwrite else _other_job(job)
         if other:
-            msg = (
+            raise OutputError(
                 f"{name} was made {other}: give --overwrite to replace it, or name "
                 f"another folder with --output."
             )
-            raise OutputError(msg)
     elif not job.overwrite:
-        msg = f"{name} exists already; give --resume or --overwrite."
-        raise OutputError(msg)
+        raise OutputError(f"{name} exists already; give --resume or --overwrite.")
     return None
 
 

@@ -69,11 +69,10 @@ def check_report(folder: Path, found: Sequence[FoundRecording], *, overwrite: bo
     sources = read_sources(lines) if lines.exists() else []
     other = other_source(sources, found, {item.root for item in found})
     if other and not overwrite:
-        msg = (
+        raise OutputError(
             f"{lines} is the report of another batch, of {other}: name another folder "
             f"with --output, or give --overwrite to replace it."
         )
-        raise OutputError(msg)
 
 
 def read_sources(path: Path) -> list[str]:

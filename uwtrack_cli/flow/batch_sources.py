@@ -57,8 +57,7 @@ def find_recordings(sources: Sequence[Path]) -> list[FoundRecording]:
     for source in sources:
         here = list(_recordings(source))
         if not here:
-            msg = f"{source} holds no recording ({', '.join(SUFFIXES)})."
-            raise DataError(msg)
+            raise DataError(f"{source} holds no recording ({', '.join(SUFFIXES)}).")
         for item in here:
             found.setdefault(item.path.absolute(), item)
     return list(found.values())
@@ -215,11 +214,10 @@ def _targets(places: Sequence[tuple[Path, Path]], folder: Path) -> list[Path]:
     twice = [target for target, n in Counter(targets).items() if n > 1]
     if twice:
         clash = [path for (path, _), p in zip(places, targets, strict=True) if p == twice[0]]
-        msg = (
+        raise OptionError(
             f"{' and '.join(map(str, clash))} would both be written to "
             f"{twice[0]}: name the folder above them, or run them apart."
         )
-        raise OptionError(msg)
     return targets
 
 

@@ -93,11 +93,10 @@ def sole_keys(product: Product, step: str | None, kinds: Collection[str]) -> lis
             refuse_unknown_step([product], step)
             of = "" if key.sensor is None else f" of {key.sensor}"
             names = ", ".join(maker(product, k) or key.name for k in others)
-            msg = (
+            raise DataError(
                 f"{product.name} holds {key.name}{of} of several steps: {names}; "
                 f"name one of them with --step."
             )
-            raise DataError(msg)
     return keys
 
 
@@ -221,8 +220,7 @@ def refuse_unknown_step(products: Sequence[Product], step: str | None) -> None:
     if step is not None and step not in known:
         names = ", ".join(product.name for product in products) or "the input"
         steps = ", ".join(known) or "none"
-        msg = f"{names} was made without a step {step!r}; its steps: {steps}."
-        raise DataError(msg)
+        raise DataError(f"{names} was made without a step {step!r}; its steps: {steps}.")
 
 
 def _branch(history: Sequence[HistoryStep], step: str) -> set[str]:

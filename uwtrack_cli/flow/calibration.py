@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import Origin, to_grid
+from uwtrack_cli.acoustics.geodesy import places_on_grid
 from uwtrack_cli.constants import SOURCE_DEPTH_M
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.recording import Recording
@@ -23,7 +23,7 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.truth import Truth, VesselTrack
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.flow.scoring.ais_passages import FAR_DEG, interpolate_track
-from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors
+from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors, origin_of
 from uwtrack_cli.spectra.dipole_calibration import (
     NAMES,
     DipoleFit,
@@ -185,17 +185,15 @@ def _renamed(multiplex: str | None, names: Mapping[str, str]) -> str:
 
 def _check_sensor(sensor: Sensor) -> None:
     if not sensor.has_direction:
-        msg = (
+        raise DataError(
             f"sensor {sensor.id!r} has no dipoles to calibrate; give a sensor file with "
             f'kind = "difar".'
         )
-        raise DataError(msg)
     if sensor.navigation is not None:
-        msg = (
+        raise DataError(
             f"sensor {sensor.id!r} has navigation, and a calibration needs a sensor at "
             f"a fixed place: give its latitude and longitude and its heading_deg."
         )
-        raise DataError(msg)
 
 
 def _frames(recording: Recording, band_hz: tuple[float, float], window_s: float) -> WhitenedFrames:
@@ -234,31 +232,17 @@ class _Track:
 def _tracks(truth: Truth, sensor: Sensor, span_s: tuple[float, float]) -> Iterator[_Track]:
     """Yield the tracks of all vessels that were near during a span of time."""
     if not truth.is_geographic and sensor.id not in truth.sensor_places:
-        msg = f"{truth.name} does not say where sensor {sensor.id!r} was."
-        raise DataError(msg)
-    if truth.is_geographic and None in (sensor.latitude, sensor.longitude):
-        msg = (
-            f"sensor {sensor.id!r} has no latitude and longitude, which AIS needs: "
-            f"give them in its sensor file."
-        )
-        raise DataError(msg)
+        raise DataError(f"{truth.name} does not say where sensor {sensor.id!r} was.")
+    origin = origin_of(sensor) if truth.is_geographic else None
     for track in truth.tracks:
         is_there = track.time_s[0] <= span_s[1] and track.time_s[-1] >= span_s[0]
-        if track.time_s.size >= 2 and is_there:
-            yield from _on_grid(track, truth, sensor)
-
-
-def _on_grid(track: VesselTrack, truth: Truth, sensor: Sensor) -> Iterator[_Track]:
-    """Yield a track on the grid about the sensor, unless it is a degree away."""
-    if not truth.is_geographic:
-        east, north = truth.sensor_places[sensor.id]
-        yield _Track(track.vessel, track, track.first - east, track.second - north)
-        return
-    origin = Origin(float(sensor.latitude or 0.0), float(sensor.longitude or 0.0))
-    if np.abs(track.first - origin.latitude).min() <= FAR_DEG:
-        pairs = zip(track.first, track.second, strict=True)
-        places = np.array([to_grid(float(a), float(b), origin) for a, b in pairs])
-        yield _Track(track.vessel, track, places[:, 0], places[:, 1])
+        if track.time_s.size < 2 or not is_there:
+            continue
+        if origin is None:
+            east, north = truth.sensor_places[sensor.id]
+            yield _Track(track.vessel, track, track.first - east, track.second - north)
+        elif np.abs(track.first - origin.latitude).min() <= FAR_DEG:
+            yield _Track(track.vessel, track, *places_on_grid(track.first, track.second, origin))
 
 
 def _chosen(heard: dict[str, FloatArray], vessel: str | None, within_m: float, truth: Truth) -> str:
@@ -272,20 +256,18 @@ def _chosen(heard: dict[str, FloatArray], vessel: str | None, within_m: float, t
         named = [name for name in least if vessel.casefold() in name.casefold()]
         if len(named) != 1:
             words = ", ".join(sorted(least)[:8]) or "none"
-            msg = (
+            raise DataError(
                 f"exactly one vessel of {truth.name} must be named by {vessel!r} during "
                 f"the recording, found {len(named)}; there are: {words}."
             )
-            raise DataError(msg)
         least = {named[0]: least[named[0]]}
     near = [name for name, range_m in least.items() if range_m <= within_m]
     if not near:
         most = f"; the nearest came to {min(least.values()):.0f} m" if least else ""
-        msg = (
+        raise DataError(
             f"{truth.name} has no vessel within {within_m:g} m of the sensor during the "
             f"recording{most}. Is the start of the recording right (--start-utc)?"
         )
-        raise DataError(msg)
     return min(near, key=lambda name: least[name])
 
 

@@ -58,8 +58,7 @@ def find_stage(name: str) -> "Stage":
 
     name = renamed.STAGES.get(name, name)
     if name not in STAGES:
-        msg = f"there is no stage {name!r}; the stages are: {', '.join(STAGES)}."
-        raise OptionError(msg)
+        raise OptionError(f"there is no stage {name!r}; the stages are: {', '.join(STAGES)}.")
     return Stage(name, STAGES[name])
 
 

@@ -9,8 +9,8 @@ seconds. When a file was made, by which version and from a
 source of which name is not compared: that is its history.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import Any
 
@@ -30,6 +30,8 @@ NAMES_OF_SOURCES = frozenset({("recording", "name"), ("recording", "digest")})
 """Texts that say which file was read, not what was found."""
 
 Tolerances = Mapping[str, Mapping[str, Closeness]]
+Wanted = Callable[[str, str], Closeness]
+"""Tolerance of a quantity of a container, both by their names."""
 
 
 @dataclass(frozen=True)
@@ -56,20 +58,6 @@ class Difference:
     """Name of the step that made the container, where products keep it."""
 
 
-@dataclass
-class Comparison:
-    """Options of a comparison, and the differences found so far."""
-
-    default: Closeness = field(default_factory=Closeness)
-    """Tolerance of quantities that have none of their own."""
-    tolerances: Tolerances = field(default_factory=dict)
-    """Tolerances by container and quantity."""
-
-    def closeness(self, container: str, quantity: str) -> Closeness:
-        """Return the tolerance of a quantity."""
-        return self.tolerances.get(container, {}).get(quantity, self.default)
-
-
 def compare_products(
     first: Product,
     second: Product,
@@ -84,7 +72,11 @@ def compare_products(
     allowed absolute difference in the unit of each quantity, 0 or more. ``tolerances``:
     tolerances of single quantities, by container and quantity.
     """
-    wanted = Comparison(Closeness(rtol, atol), tolerances or {})
+    usual, own = Closeness(rtol, atol), tolerances or {}
+
+    def wanted(container: str, quantity: str) -> Closeness:
+        return own.get(container, {}).get(quantity, usual)
+
     found: list[Difference] = []
     keys = {*_keys(first), *_keys(second)}
     for key in sorted(keys, key=lambda key: (key.sensor or "", *key[1:])):
@@ -99,19 +91,19 @@ def compare_products(
 
 
 def compare_containers(
-    first: Container, second: Container, wanted: Comparison, sensor: str | None = None
+    first: Container, second: Container, wanted: Wanted, sensor: str | None = None
 ) -> Iterator[Difference]:
     """Yield the differences of two containers of one kind, parts included."""
     name = first.NAME
     for quantity in first.columns():
         pair = getattr(first, quantity), getattr(second, quantity)
-        close = wanted.closeness(name, quantity)
+        close = wanted(name, quantity)
         yield from _compare_columns((name, sensor, quantity), *pair, close)
     for quantity in first.scalars():
         pair = getattr(first, quantity), getattr(second, quantity)
         if (name, quantity) in NAMES_OF_SOURCES or any(map(callable, pair)):
             continue
-        close = wanted.closeness(name, quantity)
+        close = wanted(name, quantity)
         yield from _compare_scalars((name, sensor, quantity), *pair, close)
     for part in first.parts():
         pair = getattr(first, part), getattr(second, part)
@@ -135,7 +127,7 @@ def is_streamed(product: Product, key: ContainerKey) -> bool:
 
 
 def _compare_streams(
-    first: Product, second: Product, key: ContainerKey, wanted: Comparison
+    first: Product, second: Product, key: ContainerKey, wanted: Wanted
 ) -> list[Difference]:
     sensor, name, step = key
     kind = CONTAINERS[name]

@@ -14,13 +14,20 @@ all their digests, and of its own span if it is a part.
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from warnings import warn
 
 import numpy as np
 
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.recording import Lock, Reader, RecordedFiles, Recording, Samples, read_segment
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.data.recording import (
+    Lock,
+    Reader,
+    RecordedFiles,
+    Recording,
+    Samples,
+    in_blocks,
+    read_segment,
+)
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.audio.reader import AudioReader
 from uwtrack_cli.flow.recorder_folder import SLACK_S
 from uwtrack_cli.flow.sonobuoy import DifarReader, NoPilotsError
@@ -37,19 +44,7 @@ class JoinedReader:
 
     def __call__(self, block_samples: int) -> Iterator[Samples]:
         """Yield blocks of so many samples, float32, shape (sample, channel)."""
-        held: list[Samples] = []
-        count = 0
-        for piece in self._pieces(block_samples):
-            held.append(piece)
-            count += len(piece)
-            if count >= block_samples:
-                joined = np.concatenate(held)
-                whole = count - count % block_samples
-                for begin in range(0, whole, block_samples):
-                    yield joined[begin : begin + block_samples]
-                held, count = [joined[whole:]], count - whole
-        if count:
-            yield np.concatenate(held)
+        return in_blocks(self._pieces(block_samples), block_samples)
 
     def segment(self, first_sample: int, n_samples: int) -> Samples:
         """Read so many samples from one on, nan where there is no file."""
@@ -83,8 +78,7 @@ class JoinedReader:
             if count == n_samples and not has_no_sound:
                 raise  # it has changed: what was read is not what it is
             part = "file" if has_no_sound else "rest of the file"
-            msg = f"{error} The {part} is a gap."
-            warn(msg, UwtrackWarning, stacklevel=2)
+            warn(f"{error} The {part} is a gap.")
         for begin in range(count, n_samples, block_samples):
             rest = min(block_samples, n_samples - begin)
             yield np.full((rest, self.n_channels), np.nan, np.float32)
@@ -119,11 +113,10 @@ def join_recordings(
             start = end
         elif start < end:
             apart_s = (end - start) / first.sample_rate_hz
-            msg = (
+            raise DataError(
                 f"{recording.name} begins {apart_s:.1f} s before the file before it "
                 f"ends; recordings that overlap cannot be joined."
             )
-            raise DataError(msg)
         assert recording.reader is not None  # noqa: S101 - opened for reading
         parts.append((start, recording.n_samples, recording.reader))
         end = start + recording.n_samples
@@ -189,16 +182,14 @@ def clip_recording(recording: Recording, begin_ns: int, end_ns: int) -> Recordin
 def _check_same(first: Recording, other: Recording) -> None:
     if first.start_utc_ns is None or other.start_utc_ns is None:
         unknown = first if first.start_utc_ns is None else other
-        msg = f"the start of {unknown.name} is not known; give --time-pattern."
-        raise DataError(msg)
+        raise DataError(f"the start of {unknown.name} is not known; give --time-pattern.")
     same = (
         first.sample_rate_hz == other.sample_rate_hz
         and first.n_channels == other.n_channels
         and first.sensor.equals(other.sensor)
     )
     if not same:
-        msg = f"{first.name} and {other.name} differ in sensor, channels or rate."
-        raise DataError(msg)
+        raise DataError(f"{first.name} and {other.name} differ in sensor, channels or rate.")
 
 
 def _position(first: Recording, other: Recording) -> int:

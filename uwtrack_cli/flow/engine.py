@@ -21,7 +21,6 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, Protocol, runtime_checkable
-from warnings import warn
 
 import numpy as np
 
@@ -29,7 +28,7 @@ from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import Reader, Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.estimation.decimation import Decimator
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.flow.graph import Graph, Node, taken
@@ -190,11 +189,10 @@ class Engine:
         The length of a file is known before, and its frames are shortened to it.
         """
         for name in sorted(too_long):
-            msg = (
+            warn(
                 f"{recording.name} lasts {recording.duration_s:g} s, less than a frame "
                 f"of {name}, which is left out."
             )
-            warn(msg, UwtrackWarning, stacklevel=3)
         self.graph = self.graph.without(too_long)
         left = {node.step.name for node in self.graph.nodes}
         self._streams = {name: node for name, node in self._streams.items() if name in left}
@@ -296,11 +294,9 @@ def _as_argument(step: Step, wanted: Input, found: Sequence[Container]) -> Any:
     if wanted.is_list and (found or wanted.is_optional):
         return list(found)
     if not found and not wanted.is_optional:
-        msg = f"{step.name} needs {kinds}, and the input has none."
-        raise DataError(msg)
+        raise DataError(f"{step.name} needs {kinds}, and the input has none.")
     if len(found) > 1:
-        msg = f"{step.name} takes one {kinds}, and the input has {len(found)}."
-        raise DataError(msg)
+        raise DataError(f"{step.name} takes one {kinds}, and the input has {len(found)}.")
     return found[0] if found else None
 
 

@@ -36,8 +36,8 @@ from multiprocessing.process import BaseProcess
 from types import FrameType
 from typing import Any, NoReturn
 
-from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.flow.batch import FAILED, Job, Outcome, finished, looked_over, run_job
+from uwtrack_cli.errors import DataError, OptionError, needing
+from uwtrack_cli.flow.batch import Job, Outcome, finished, looked_over, run_job
 from uwtrack_cli.flow.engine import Progress
 
 JobProgress = Callable[[int, float], None]
@@ -78,8 +78,7 @@ def run_jobs(
         The scheduler does not answer.
     """
     if n_workers < 1:
-        msg = f"--jobs must be 1 or more, got {n_workers}."
-        raise OptionError(msg)
+        raise OptionError(f"--jobs must be 1 or more, got {n_workers}.")
     numbered = dict(enumerate(jobs))
     if scheduler is None and n_workers == 1:
         for number, job in looked_over(numbered):
@@ -100,18 +99,14 @@ def _is_refused(job: Job) -> bool:
 
 
 def _on_cluster(jobs: Mapping[int, Job], address: str) -> Iterator[tuple[int, Outcome]]:
-    try:
+    with needing("--scheduler needs Dask", "cluster", OptionError):
         from distributed import Client
-    except ImportError as error:
-        msg = f"--scheduler needs Dask ({error}); pip install 'uwtrack[cluster]'."
-        raise OptionError(msg) from error
     try:
         client: Any = Client(  # type: ignore[no-untyped-call]
             address, timeout=CONNECT_S, set_as_default=False
         )
     except (OSError, ValueError, TypeError) as error:
-        msg = f"the scheduler {address} does not answer ({error})."
-        raise DataError(msg) from error
+        raise DataError(f"the scheduler {address} does not answer ({error}).") from error
     with _without_logs(), client:
         pool = client.get_executor(pure=False, retries=RETRIES)
         futures = {pool.submit(run_job, job): number for number, job in jobs.items()}
@@ -120,11 +115,10 @@ def _on_cluster(jobs: Mapping[int, Job], address: str) -> Iterator[tuple[int, Ou
                 yield futures[future], future.result()
         except (CancelledError, OSError, TimeoutError) as error:
             reason = str(error) or type(error).__name__
-            msg = (
+            raise DataError(
                 f"the scheduler {address} is lost ({reason}); what was made is kept: "
                 f"start one again and give --resume."
-            )
-            raise DataError(msg) from error
+            ) from error
         finally:
             for future in futures:
                 future.cancel()
@@ -241,11 +235,7 @@ def _lost(worker: Worker, job: Job) -> Outcome:
     if code is not None and code < 0:
         how = f"was ended by {signal.Signals(-code).name}"
     message = f"the process that ran it {how}; was there not enough memory?"
-    return _failed(job, message)
-
-
-def _failed(job: Job, message: str) -> Outcome:
-    return Outcome(str(job.sources[0]), str(job.target), FAILED, message, len(job.sources))
+    return job.failed(message)
 
 
 def _end(workers: Sequence[Worker]) -> None:
@@ -304,7 +294,7 @@ def _run(job: Job, progress: Progress) -> Outcome:
     try:
         return run_job(job, progress)
     except KeyboardInterrupt:
-        return _failed(job, "interrupted")
+        return job.failed("interrupted")
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)

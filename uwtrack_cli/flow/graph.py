@@ -15,7 +15,6 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 from typing import Any, Self
-from warnings import warn
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.bearing_time import BearingTime
@@ -25,7 +24,7 @@ from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.spectra import Spectrogram
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, warn
 from uwtrack_cli.flow.catalogue import STAGES, find_stage
 from uwtrack_cli.flow.stage import Input, Stage
 from uwtrack_cli.flow.step import Step
@@ -83,11 +82,10 @@ class Graph:
             or waits for itself; or no step reads the recording.
         """
         if not any(step.stage.kind == "source" for step in steps):
-            msg = (
+            raise OptionError(
                 f"{name} has no step that reads the recording, such as [spectrogram]; "
                 f"it has: {', '.join(s.name for s in steps) or 'none'}."
             )
-            raise OptionError(msg)
         return cls.of_steps(steps, name, CONTEXT, keep)
 
     @classmethod
@@ -152,11 +150,10 @@ class Graph:
         highest_hz = 0.5 * recording.sample_rate_hz
         slower = self._slowness(highest_hz)
         if slower > 1.0:
-            msg = (
+            warn(
                 f"{recording.name} reaches {highest_hz:g} Hz: the recipe's windows are "
                 f"taken {slower:g} times as long, and its bands as much lower."
             )
-            warn(msg, UwtrackWarning, stacklevel=2)
         nodes = []
         for node in self.nodes:
             own = _slowed(node.step, slower, highest_hz)
@@ -275,13 +272,12 @@ def _check_slowed(step: Step, options: dict[str, Any], recording: Recording) -> 
     try:
         step.stage.bind({"window_s": options["window_s"]}, step.name)
     except OptionError as error:
-        msg = (
+        raise DataError(
             f"{recording.name} has a sample rate of {recording.sample_rate_hz:g} Hz: "
             f"slowed down to it, the frames of [{step.name}] would last "
             f"{options['window_s']:g} s, longer than any may. Give a recipe of your own for "
             f"such sound (uwtrack recipes --show vessel prints one to begin with)."
-        )
-        raise DataError(msg) from error
+        ) from error
 
 
 def taken(container: Container, kinds: Sequence[type[Container]]) -> Container:
@@ -355,8 +351,7 @@ def _as_written(step: Step, steps: Sequence[Step], name: str) -> dict[str, tuple
                 if takers
                 else f"reads {' or '.join(accepted)}, and [{source}] makes {made.NAME}"
             )
-            msg = f"[{step.name}] of {name} {problem}."
-            raise OptionError(msg)
+            raise OptionError(f"[{step.name}] of {name} {problem}.")
         sources[free[0].name] = (*sources.get(free[0].name, ()), source)
     return sources
 
@@ -384,8 +379,7 @@ def _in_order(nodes: Mapping[str, Node], name: str) -> tuple[Node, ...]:
         sorter.prepare()
     except CycleError as error:
         circle = " -> ".join(error.args[1])
-        msg = f"steps of {name} wait for each other: {circle}."
-        raise OptionError(msg) from error
+        raise OptionError(f"steps of {name} wait for each other: {circle}.") from error
     rank = {key: k for k, key in enumerate(nodes)}
     ordered: list[Node] = []
     ready: list[str] = []
@@ -447,8 +441,7 @@ def _refuse_idle(nodes: Sequence[Node], outputs: frozenset[str], name: str) -> N
             if n.step is not step and any(_makes(step.stage, i.kinds) for i in n.step.stage.inputs)
         ]
         could = f"name it as input of [{others[-1]}], " if others else ""
-        msg = (
+        raise OptionError(
             f"[{step.name}] of {name} makes {made.NAME} that no step reads: {could}"
             f"keep it with output = true, or leave it out."
         )
-        raise OptionError(msg)

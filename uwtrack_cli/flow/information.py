@@ -81,15 +81,13 @@ def folder_lines(folder: Path) -> Iterator[str]:
 
     inside = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
     if not inside and any(folder.glob("*.h5")):
-        msg = (
+        raise DataError(
             f"{folder} is a folder of result files; uwtrack passages "
             f"{shell_word(folder)} "
             f"lists them."
         )
-        raise DataError(msg)
     if not inside:
-        msg = f"{folder} is a folder that holds no recording ({', '.join(SUFFIXES)})."
-        raise DataError(msg)
+        raise DataError(f"{folder} is a folder that holds no recording ({', '.join(SUFFIXES)}).")
     found = find_recordings(inside)
     word = "recording" if len(found) == 1 else "recordings"
     yield f"{folder}: {len(found)} {word}"

@@ -178,14 +178,12 @@ def find_results(sources: Sequence[Path]) -> list[Path]:
         if source.is_dir():
             inside = sorted(p for p in source.rglob("*.h5") if p.is_file())
             if not inside:
-                msg = f"{source} holds no result file (*.h5): run uwtrack batch."
-                raise DataError(msg)
+                raise DataError(f"{source} holds no result file (*.h5): run uwtrack batch.")
             found |= dict.fromkeys(inside)
         elif source.exists():
             found[source] = None
         else:
-            msg = f"{source} does not exist."
-            raise DataError(msg)
+            raise DataError(f"{source} does not exist.")
     return list(found)
 
 

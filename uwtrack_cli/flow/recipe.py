@@ -52,8 +52,7 @@ class Recipe:
         try:
             tables = parse_toml(text)
         except DataError as error:
-            msg = f"recipe {name} is not readable as TOML: {error}."
-            raise OptionError(msg) from error
+            raise OptionError(f"recipe {name} is not readable as TOML: {error}.") from error
         description = convert("description", str, tables.pop("description", ""))
         steps = tuple(_step(n, t) for n, t in tables.items())
         return cls(name, description, steps).checked()
@@ -162,11 +161,11 @@ def _table(step: Step) -> dict[str, Any]:
 def _step(name: str, table: Any) -> Step:
     if not isinstance(table, Mapping):
         names = ", ".join(STAGES)
-        msg = f"a recipe holds one table per step ({names}), not {name} = {table!r}."
-        raise OptionError(msg)
+        raise OptionError(f"a recipe holds one table per step ({names}), not {name} = {table!r}.")
     if not _STEP_NAME.fullmatch(name):
-        msg = f"{name!r} is no name of a step: letters, digits, - and _ are accepted, 64 at most."
-        raise OptionError(msg)
+        raise OptionError(
+            f"{name!r} is no name of a step: letters, digits, - and _ are accepted, 64 at most."
+        )
     options = dict(table)
     stage_name = convert(f"{name}.stage", str, options.pop("stage", name))
     written = options.pop("input", None)
@@ -184,8 +183,7 @@ def _parse_setting(setting: str) -> tuple[str, list[str], Any]:
     name, dot, option = left.strip().partition(".")
     path = option.split(".")
     if not equals or not dot or not option or len(path) > 2:
-        msg = f"a setting has the form STEP.OPTION=VALUE, got {shown(setting)}."
-        raise OptionError(msg)
+        raise OptionError(f"a setting has the form STEP.OPTION=VALUE, got {shown(setting)}.")
     try:
         value = parse_toml(f"value = {right}")["value"]
     except DataError:

@@ -86,8 +86,7 @@ def rerun_product(
 def _plan(product: Product) -> Plan:
     history = product.history
     if not history:
-        msg = f"{product.name} has no history, so it cannot be made again."
-        raise DataError(msg)
+        raise DataError(f"{product.name} has no history, so it cannot be made again.")
     readers = [s for s in history if find_stage(s.stage).kind == "source"]
     rest = [_step(s) for s in history if s not in readers]
     _check_unique(product, rest)
@@ -132,11 +131,10 @@ def _check_unique(product: Product, steps: Sequence[Step]) -> None:
     names = [step.name for step in steps]
     for name in names:
         if names.count(name) > 1:  # a history of a program that did not name steps
-            msg = (
+            raise DataError(
                 f"{product.name} was made with {names.count(name)} settings of {name}: "
                 f"make each of its sources again by itself."
             )
-            raise DataError(msg)
 
 
 def _step(past: HistoryStep) -> Step:
@@ -173,11 +171,10 @@ def _run(product: Product, plan: Plan, finder: SourceFinder) -> list[Held]:
         made += map(Held, read_tables(product.history, finder))
     for step in plan.last:
         if not made:
-            msg = (
+            raise DataError(
                 f"{product.name} began with {step.stage_name}, which reads what was "
                 f"made before, and its history does not tell how: run the chain again."
             )
-            raise DataError(msg)
         if step.inputs:  # encounters that a later step made again are not read
             made = [
                 held

@@ -56,16 +56,14 @@ class SourceFinder:
                 self.found.append(place)
                 return place
         if there:
-            msg = (
+            raise DataError(
                 f"{there[-1]} is not the file that the result file was made from: its "
                 f"digest differs; give the right one with --source."
             )
-            raise DataError(msg)
-        msg = (
+        raise DataError(
             f"{name}, of which {self.product.name} was made, is not in {folders[0]}; "
             f"give it, or the folder it lies in, with --source."
         )
-        raise DataError(msg)
 
 
 def reopen(
@@ -85,8 +83,7 @@ def reopen(
         return _reopen_one(paths[0], stored), []
     files = product.read(RecordedFiles, stored.sensor.id)
     if len(paths) != files.name.size:
-        msg = f"{product.name} does not say how its {len(paths)} sources were joined."
-        raise DataError(msg)
+        raise DataError(f"{product.name} does not say how its {len(paths)} sources were joined.")
     opened = [
         _reopen_one(
             path,
@@ -168,8 +165,7 @@ def _read_table(path: Path, left: list[str], sensors: Sequence[Sensor]) -> Conta
         else:
             left.remove(name)
             return table
-    msg = f"{path} cannot be read again: {reason}"
-    raise DataError(msg)
+    raise DataError(f"{path} cannot be read again: {reason}")
 
 
 def _stored(product: Product, step: HistoryStep) -> Recording:
@@ -177,8 +173,7 @@ def _stored(product: Product, step: HistoryStep) -> Recording:
     for recording in product.read_all(Recording):
         if recording.name in named:
             return recording
-    msg = f"{product.name} does not carry the facts of {', '.join(sorted(named))}."
-    raise DataError(msg)
+    raise DataError(f"{product.name} does not carry the facts of {', '.join(sorted(named))}.")
 
 
 def _reopen_one(path: Path, stored: Recording) -> Recording:
@@ -202,8 +197,7 @@ def _sensor_of_file(path: Path, stored: Recording) -> Sensor:
     sensor = stored.sensor
     kept = ("multiplex",) if sensor.is_multiplexed else sensor.channel_names
     if len(columns) != len(kept) or not all(1 <= c <= len(names) for c in columns):
-        msg = f"the result file does not say which channels of {path} it was made of."
-        raise DataError(msg)
+        raise DataError(f"the result file does not say which channels of {path} it was made of.")
     for name, column in zip(kept, columns, strict=True):
         names[column - 1] = name
     return replace(stored.sensor, channels=",".join(names))

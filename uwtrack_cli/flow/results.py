@@ -20,7 +20,7 @@ import numpy as np
 from uwtrack_cli.data.base import Container, html_table
 from uwtrack_cli.data.recording import Reader, Recording
 from uwtrack_cli.data.spectra import MODULATION, Overview
-from uwtrack_cli.errors import DataError, OptionError, UwtrackNote
+from uwtrack_cli.errors import OptionError, UwtrackNote, needing
 from uwtrack_cli.files.hdf5.container_keys import ContainerHolder
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, container_class
 from uwtrack_cli.files.hdf5.product import ContainerKey, HistoryStep, ProductWriter, read_product
@@ -163,11 +163,10 @@ class Results(ContainerHolder, Mapping[str, Container]):
             for key, c in self.tables.items()
             if key in self.usual or (isinstance(c, Overview) and c.reference == MODULATION)
         ]
-        try:  # as pandas finds what draws its tables: this room knows no pictures
+        with needing(
+            "plots need matplotlib", "plot"
+        ):  # as pandas finds what draws its tables: this room knows no pictures
             pages = import_module("uwtrack_cli.plotting.page")
-        except ImportError as error:
-            msg = f"plots need matplotlib ({error}); pip install 'uwtrack[plot]'."
-            raise DataError(msg) from error
         return pages.draw_page(
             shown, output, passage=passage, sensor=sensor, is_demon=demon,
             overwrite=overwrite, **view,
@@ -292,11 +291,10 @@ def run(
     path = Path(source)
     unknown = set(source_options) - set(SourceOptions.__annotations__)
     if unknown:
-        msg = (
+        raise OptionError(
             f"run has no option {min(unknown)!r}; it has recipe, settings, keep, "
             f"output, overwrite, progress, {', '.join(SourceOptions.__annotations__)}."
         )
-        raise OptionError(msg)
     recording = open_with_options(path, _opening(source_options))
     chosen = recipe or usual_recipe([recording.sensor])
     if not isinstance(chosen, Recipe):

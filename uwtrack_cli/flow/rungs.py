@@ -16,14 +16,13 @@ from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
-from warnings import warn
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import Overview
-from uwtrack_cli.errors import OptionError, UwtrackWarning
+from uwtrack_cli.errors import OptionError, warn
 from uwtrack_cli.files.hdf5.layout import CONTAINERS
 from uwtrack_cli.files.hdf5.product import ContainerKey, Product, ProductWriter
 from uwtrack_cli.flow.branches import maker, rung_windows_s
@@ -91,15 +90,13 @@ def rung_steps(steps: Sequence[Step], recording: Recording) -> list[Step]:
     ordered = sorted(steps, key=_window_s)
     for one, two in pairwise(ordered):
         if rung_label(_window_s(one)) == rung_label(_window_s(two)):
-            msg = (
+            raise OptionError(
                 f"--window-s {_window_s(two):g} is given twice; each rung has frames of "
                 f"another length."
             )
-            raise OptionError(msg)
     if ordered != list(steps):
         lengths = ", ".join(f"{_window_s(step):g}" for step in ordered)
-        msg = f"the rungs are taken in the order of their lengths: {lengths} s."
-        warn(msg, UwtrackWarning, stacklevel=2)
+        warn(f"the rungs are taken in the order of their lengths: {lengths} s.")
     kept = [step for step in ordered if _fits(step, recording)] or ordered[:1]
     if len(kept) == 1:
         return kept
@@ -125,11 +122,10 @@ def _fits(step: Step, recording: Recording) -> bool:
     if _window_s(step) <= longest_s:
         return True
     whole = "" if share is None else f"{share:g} of "
-    msg = (
+    warn(
         f"the rung of {_window_s(step):g} s is left out: it is longer than {whole}"
         f"{recording.name}, which lasts {recording.duration_s:g} s."
     )
-    warn(msg, UwtrackWarning, stacklevel=3)
     return False
 
 
@@ -267,6 +263,5 @@ def _applied(
     if not made:
         raise refusals[0][1]
     for rung, refusal in refusals:
-        msg = f"the rung of {rung.window_s:g} s is left out: {refusal}"
-        warn(msg, UwtrackWarning, stacklevel=3)
+        warn(f"the rung of {rung.window_s:g} s is left out: {refusal}")
     return made

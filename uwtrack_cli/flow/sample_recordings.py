@@ -13,15 +13,15 @@ scenario, ``[[sensor]]``, ``[[vessel]]`` with ``[vessel.closest_approach]`` or
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from warnings import warn
 
 import numpy as np
 
 from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Navigation, Sensor
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.atomic import check_target, write_text
 from uwtrack_cli.files.audio.recording_file import write_wav
+from uwtrack_cli.files.tables.sensors import sensor_text
 from uwtrack_cli.files.tables.toml_tables import read_toml
 from uwtrack_cli.simulate.recordings import simulate_recordings
 from uwtrack_cli.simulate.scenario import Scenario, make_scenario
@@ -35,12 +35,11 @@ BLOCK_SAMPLES = 65536
 
 
 def write_simulation(
-    scenario: Scenario, path: Path, *, overwrite: bool = False, subtype: str = "PCM_16"
+    scenario: Scenario, path: Path, *, overwrite: bool = False
 ) -> tuple[Path, ...]:
     """Write every recording of a scenario, with sensor files and truth.
 
     ``path``: the WAV file; with several sensors, ``-ID`` is put before its suffix.
-    ``subtype``: sample format of the WAV file, as soundfile names it.
 
     Returned: the files written, the recordings first.
 
@@ -52,7 +51,7 @@ def write_simulation(
     Warns
     -----
     UwtrackWarning
-        Samples exceed full scale and are clipped (not in a FLOAT file).
+        Samples exceed full scale and are clipped.
     """
     check_target(path, overwrite=True)  # it has a name, and its folder is there
     recordings = simulate_recordings(scenario)
@@ -69,9 +68,8 @@ def write_simulation(
     for recording, sound in zip(recordings, sounds, strict=True):
         write_wav(
             sound,
-            _metered(recording, sound.name, subtype),
+            _metered(recording, sound.name),
             recording.sample_rate_hz,
-            subtype,
             overwrite=overwrite,
             start_utc_ns=recording.start_utc_ns,
         )
@@ -100,8 +98,7 @@ def remake_samples(directory: Path, into: Path | None = None) -> tuple[Path, ...
     """
     scenarios = sorted(directory.glob(f"*{SCENARIO_SUFFIX}"))
     if not scenarios:
-        msg = f"{directory} holds no file that ends with {SCENARIO_SUFFIX}."
-        raise DataError(msg)
+        raise DataError(f"{directory} holds no file that ends with {SCENARIO_SUFFIX}.")
     target = directory if into is None else into
     return tuple(
         written
@@ -114,65 +111,11 @@ def remake_samples(directory: Path, into: Path | None = None) -> tuple[Path, ...
     )
 
 
-def sensor_text(sensor: Sensor, navigation_name: str = "") -> str:
-    """Return a sensor file: the facts of a sensor as TOML."""
-
-    def pair(text: str | None) -> list[float] | None:
-        return None if text is None else [float(part) for part in text.split(",")]
-
-    channels = sensor.channel_names
-    if sensor.is_multiplexed:  # what its file holds
-        channels = ("multiplex",)
-    facts: dict[str, object] = {
-        "id": sensor.id,
-        "kind": sensor.kind,
-        "channels": list(channels),
-        "multiplex": sensor.multiplex and sensor.multiplex.split(","),
-        "response_db": sensor.response
-        and [pair(p.replace(":", ",")) for p in sensor.response.split(",")],
-        "latitude": sensor.latitude,
-        "longitude": sensor.longitude,
-        "east_m": sensor.east_m,
-        "north_m": sensor.north_m,
-        "position_std_m": sensor.position_std_m,
-        "depth_m": sensor.depth_m,
-        "depth_std_m": sensor.depth_std_m,
-        "heading_deg": sensor.heading_deg
-        if "x" in sensor.channel_names or sensor.heading_source == "fixed"
-        else None,
-        "dipole_gains": pair(sensor.dipole_gains),
-        "dipole_crosstalk": sensor.dipole_crosstalk or None,
-        "omni_crosstalk": pair(sensor.omni_crosstalk),
-        "element_along_m": None
-        if sensor.element_along_m is None
-        else sensor.element_places_m.tolist(),
-        "element_positions_m": None
-        if sensor.element_positions_m is None
-        else sensor.element_xyz_m.tolist(),
-        "tow_offset_m": sensor.tow_offset_m,
-        "heading_source": None if sensor.heading_source == "fixed" else sensor.heading_source,
-        "sound_speed_mps": sensor.sound_speed_mps,
-        "sound_speed_std_mps": sensor.sound_speed_std_mps,
-        "compass_offset_deg": sensor.compass_offset_deg,
-        "compass_std_deg": sensor.compass_std_deg,
-        "clock_offset_s": sensor.clock_offset_s,
-        "clock_std_s": sensor.clock_std_s,
-        "clock_error_ppm": sensor.clock_error_ppm,
-        "navigation": navigation_name or None,
-        "sensitivity_db_re_v_per_upa": sensor.sensitivity_db_re_v_per_upa,
-        "gain_db": sensor.gain_db,
-        "adc_peak_v": sensor.adc_peak_v,
-        "full_scale_db": sensor.full_scale_db,
-    }
-    lines = [f"{key} = {json.dumps(value)}" for key, value in facts.items() if value is not None]
-    return "\n".join(lines) + "\n"
-
-
 def _truth_name(sound: Path) -> Path:
     return sound.with_suffix(".truth.json")
 
 
-def _metered(recording: Recording, name: str, subtype: str) -> Iterator[Samples]:
+def _metered(recording: Recording, name: str) -> Iterator[Samples]:
     """Pass the blocks on; warn at the end if any sample exceeds full scale."""
     assert recording.reader is not None  # noqa: S101 - simulate_recordings gives one
     peak, clipped = 0.0, 0
@@ -181,12 +124,11 @@ def _metered(recording: Recording, name: str, subtype: str) -> Iterator[Samples]
         peak = max(peak, float(size.max()))
         clipped += int(np.count_nonzero(size > 1.0))
         yield block
-    if clipped and "PCM" in subtype:
-        msg = (
+    if clipped:
+        warn(
             f"{name}: {clipped} samples exceed full scale and are clipped; raise "
             f"full_scale_db (or lower gain_db) by {20.0 * np.log10(peak):.1f} dB."
         )
-        warn(msg, UwtrackWarning, stacklevel=2)
 
 
 def write_sensor(sound: Path, sensor: Sensor, *, overwrite: bool) -> list[Path]:

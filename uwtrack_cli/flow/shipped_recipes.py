@@ -50,14 +50,12 @@ def shipped_folder(name: str) -> Path:
         The installation lacks the folder.
     """
     if name not in FOLDERS:
-        msg = f"there is no shipped folder {name!r}; there are {', '.join(FOLDERS)}."
-        raise DataError(msg)
+        raise DataError(f"there is no shipped folder {name!r}; there are {', '.join(FOLDERS)}.")
     package = Path(uwtrack_cli.__file__).resolve().parent
     for folder in (package / "_shipped" / name, package.parent / name):
         if folder.is_dir():
             return folder
-    msg = f"this installation of uwtrack lacks its folder {name}; install it again."
-    raise DataError(msg)
+    raise DataError(f"this installation of uwtrack lacks its folder {name}; install it again.")
 
 
 def usual_recipe(sensors: Sequence[Sensor | None]) -> str:
@@ -72,11 +70,10 @@ def usual_recipe(sensors: Sequence[Sensor | None]) -> str:
     """
     recipes = {_recipe_for(sensor) for sensor in sensors}
     if len(recipes) > 1:
-        msg = (
+        raise OptionError(
             f"the recordings are of sensors of several kinds, whose recipes are "
             f"{' and '.join(sorted(recipes))}: run them apart."
         )
-        raise OptionError(msg)
     return recipes.pop() if recipes else DEFAULT_RECIPE
 
 
@@ -105,16 +102,14 @@ def load_recipe(name: Path | str) -> Recipe:
         path = shipped_folder("pipelines") / f"{known}.toml"
     try:
         if path.stat().st_size > MAX_BYTES:
-            msg = f"{path} is larger than {MAX_BYTES} bytes; that is no recipe."
-            raise OptionError(msg)
+            raise OptionError(f"{path} is larger than {MAX_BYTES} bytes; that is no recipe.")
         text = as_input(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         names = shipped_recipes()
-        msg = (
+        raise OptionError(
             f"there is no recipe {str(name)!r}.{nearest(str(name), names)} Shipped are "
             f"{', '.join(names)}; or give a TOML file."
-        )
-        raise OptionError(msg) from error
+        ) from error
     return Recipe.from_toml(path.stem, text)
 
 
@@ -172,8 +167,9 @@ def copy_sample(name: str, folder: Path | str, *, overwrite: bool = False) -> li
     )
     names = sample_names()
     if not any(name == n or n.startswith(f"{name}-") for n in names):
-        msg = f"there is no sample {name!r}.{nearest(name, names)} There are {', '.join(names)}."
-        raise OptionError(msg)
+        raise OptionError(
+            f"there is no sample {name!r}.{nearest(name, names)} There are {', '.join(names)}."
+        )
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="uwtrack-") as scratch:
         here = {path.name: path for path in found}

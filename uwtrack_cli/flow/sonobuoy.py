@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
-from warnings import warn
 
 import numpy as np
 
@@ -22,10 +21,12 @@ from uwtrack_cli.data.recording import (
     Reader,
     Recording,
     Samples,
+    check_block,
+    in_blocks,
     read_segment,
 )
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.audio.dropouts import spans_in_words
 from uwtrack_cli.files.audio.live_reader import (
     Disturbance,
@@ -83,9 +84,7 @@ class DifarReader:
 
     def __call__(self, block_samples: int) -> Iterator[Samples]:
         """Yield blocks of so many samples, float32, shape (sample, 3)."""
-        if block_samples < 1:
-            msg = f"a block must have at least 1 sample, got {block_samples}."
-            raise OptionError(msg)
+        check_block(block_samples)
         return self._blocks(block_samples)
 
     @property
@@ -149,24 +148,14 @@ class DifarReader:
 
     def _blocks(self, block_samples: int) -> Iterator[Samples]:
         self.n_samples, self._rows = 0, []
-        pending = np.zeros((0, 3), np.float32)
-        for samples in self._pieces():
-            gone = np.isnan(samples[:, 0])
-            count = self.n_samples + pending.shape[0]
-            self._gaps += self._lost.add(count, gone, RATE_HZ)
-            pending = np.concatenate([pending, samples])
-            while pending.shape[0] >= block_samples:
-                self.n_samples += block_samples
-                yield pending[:block_samples]
-                pending = pending[block_samples:]
-        if pending.shape[0]:
-            self.n_samples += pending.shape[0]
-            yield pending
+        for block in in_blocks(self._pieces(), block_samples):
+            self.n_samples += len(block)
+            yield block
         self._gaps += self._lost.finish(RATE_HZ)
         self._say()
 
     def _pieces(self) -> Iterator[Samples]:
-        """Yield what is wanted of each second, and note its lock."""
+        """Yield what is wanted of each second, and note its lock and where it is lost."""
         rate = self.demultiplexer.rate_hz
         begin = max(0, self.first // RATE_HZ - 1)
         audio = self.audio
@@ -175,7 +164,8 @@ class DifarReader:
             audio = replace(audio, first=begin * rate, last=last)
         else:  # live audio comes from its begin
             begin = 0
-        parts = _whole_seconds(audio(rate), rate)
+        count = 0
+        parts = in_blocks((block[:, 0] for block in audio(rate)), rate)
         for number, second in self._seconds(parts, begin):
             start = number * RATE_HZ
             low, high = max(self.first - start, 0), self.last - start
@@ -183,6 +173,8 @@ class DifarReader:
                 return
             wanted = second.samples[low:high]
             if wanted.shape[0]:
+                self._gaps += self._lost.add(count, np.isnan(wanted[:, 0]), RATE_HZ)
+                count += len(wanted)
                 facts = (second.locked_share, second.pilot_snr, second.phase_pilot)
                 self._rows.append((float(number), *facts, second.clock_error))
                 yield wanted
@@ -219,25 +211,23 @@ class DifarReader:
             raise NoPilotsError(_why_no_lock(self.name, lock))
         high_ppm = float(np.nanmedian(lock.clock_error_ppm)) - self.told_ppm
         if abs(high_ppm) > CRYSTALS_PPM:
-            msg = (
+            warn(
                 f"{self.name}: its pilots are {high_ppm:.0f}e-6 off 7.5 and 15 kHz, more "
                 f"than crystals are: the recorder was, and so are all frequencies; "
                 f"clock_error_ppm = {high_ppm + self.told_ppm:.0f} in its sensor file "
                 f"takes it off."
             )
-            warn(msg, UwtrackWarning, stacklevel=2)
         if isinstance(self.audio, LiveSource):  # its gaps are told as events
             return
         gaps = [(g.start_sample, g.start_sample + g.n_samples) for g in self._gaps]
         self._gaps = []
         if gaps:
             lost_s = sum(stop - start for start, stop in gaps) / RATE_HZ
-            msg = (
+            warn(
                 f"{self.name}: lock on the pilots is lost from "
                 f"{spans_in_words(gaps, RATE_HZ)}; these {lost_s:.1f} s are treated as "
                 f"gaps."
             )
-            warn(msg, UwtrackWarning, stacklevel=2)
 
 
 def _why_no_lock(name: str, lock: Lock) -> str:
@@ -257,18 +247,6 @@ def _why_no_lock(name: str, lock: Lock) -> str:
         f"{LEAST_PILOT_DB:.0f} dB are needed): the receiver was off its channel, or the audio is that of another "
         f'buoy, whose sensor file says kind = "omni".'
     )
-
-
-def _whole_seconds(blocks: Iterator[Samples], rate: int) -> Iterator[Samples]:
-    """Yield the first channel of blocks second by second, the last one shorter."""
-    held = np.zeros(0, np.float32)
-    for block in blocks:
-        held = np.concatenate([held, block[:, 0]])
-        while held.size >= rate:
-            yield held[:rate]
-            held = held[rate:]
-    if held.size:
-        yield held
 
 
 def demultiplex(recording: Recording) -> Recording:
@@ -293,23 +271,20 @@ def demultiplex(recording: Recording) -> Recording:
     """
     sensor, rate = recording.sensor, recording.sample_rate_hz
     if recording.reader is None or not sensor.is_multiplexed:
-        msg = f"{recording.name} is no audio of a buoy that was opened for reading."
-        raise DataError(msg)
+        raise DataError(f"{recording.name} is no audio of a buoy that was opened for reading.")
     if rate < LEAST_RATE_HZ or not rate.is_integer():
-        msg = (
+        raise DataError(
             f"{recording.name} has {rate:g} samples per second; the multiplex of a DIFAR "
             f"buoy reaches up to 18 kHz and needs a whole number of {LEAST_RATE_HZ} or "
             f"more, as a rule 48000."
         )
-        raise DataError(msg)
     demultiplexer = Demultiplexer(int(rate), **_facts(sensor))
     reader = DifarReader(
         recording.reader, demultiplexer, recording.name, sensor.clock_error_ppm or 0.0
     )
     n_samples = recording.n_samples * RATE_HZ // int(rate)
     if n_samples < 1:
-        msg = f"{recording.name} is too short: it holds no sample at {RATE_HZ} Hz."
-        raise DataError(msg)
+        raise DataError(f"{recording.name} is too short: it holds no sample at {RATE_HZ} Hz.")
     return replace(
         recording,
         sensor=replace(sensor, channels="omni,east,north"),

@@ -10,14 +10,13 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
-from warnings import warn
 
 from uwtrack_cli.acoustics.geodesy import magnetic_declination_deg
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.options import convert
 from uwtrack_cli.data.recording import UNENDED, Recording
 from uwtrack_cli.data.sensor import Sensor, SoundSpeed
-from uwtrack_cli.errors import DataError, UwtrackNote, UwtrackWarning
+from uwtrack_cli.errors import DataError, note, warn
 from uwtrack_cli.files.audio.live_recording import NOW, RawSound, live_span, open_live_recording
 from uwtrack_cli.files.audio.recording_file import open_recording, span_in
 from uwtrack_cli.files.audio.start_time import find_start_utc_ns
@@ -66,8 +65,7 @@ def open_with_options(
         The sound speed is not positive, or an option does not fit the recording.
     """
     if path.is_dir():
-        msg = f"{path} is a folder, not a file; uwtrack batch runs over what it holds."
-        raise DataError(msg)
+        raise DataError(f"{path} is a folder, not a file; uwtrack batch runs over what it holds.")
     chosen = {**NO_OPTIONS, **options}
     start_utc_ns = find_start_utc_ns(
         path,
@@ -147,14 +145,12 @@ def _as_told(recording: Recording, chosen: Mapping[str, Any]) -> Recording:
 
 def _with_own_ship(sensor: Sensor, path: Path) -> Sensor:
     if sensor.heading_source == "fixed":
-        msg = (
+        raise DataError(
             f"array {sensor.id!r} has heading_deg in its sensor file, so it is fixed, "
             f"and --own-ship {path} moves it: leave out one of them."
         )
-        raise DataError(msg)
     if sensor.navigation is not None:
-        msg = f"{path} is taken instead of the navigation of sensor {sensor.id!r}."
-        warn(msg, UwtrackWarning, stacklevel=4)
+        warn(f"{path} is taken instead of the navigation of sensor {sensor.id!r}.")
     return replace(sensor, navigation=read_navigation(path))
 
 
@@ -169,11 +165,10 @@ def from_true_north(sensor: Sensor, start_utc_ns: int | None) -> Sensor:
         Place or time is not known, or there is no model for them.
     """
     if sensor.north == "compass":
-        msg = (
+        warn(
             f"bearings of sensor {sensor.id!r} are from the north of its compass: give "
             f'declination_deg in its sensor file, in degrees or as "place".'
         )
-        warn(msg, UwtrackWarning, stacklevel=4)
     if sensor.north != "place":
         return sensor
     latitude, longitude = sensor.latitude, sensor.longitude
@@ -182,11 +177,10 @@ def from_true_north(sensor: Sensor, start_utc_ns: int | None) -> Sensor:
         longitude = sensor.navigation.origin_longitude
     if latitude is None or longitude is None or start_utc_ns is None:
         lacks = "start of its recording" if latitude is not None else "latitude"
-        msg = (
+        raise DataError(
             f'declination_deg = "place" of sensor {sensor.id!r} needs latitude, longitude '
             f"and the start of the recording (--start-utc); there is no {lacks}."
         )
-        raise DataError(msg)
     begin = datetime.fromtimestamp(start_utc_ns / NANOSECONDS, UTC)
     new_year = [datetime(begin.year + k, 1, 1, tzinfo=UTC) for k in (0, 1)]
     share = (begin - new_year[0]) / (new_year[1] - new_year[0])
@@ -194,19 +188,16 @@ def from_true_north(sensor: Sensor, start_utc_ns: int | None) -> Sensor:
     try:
         declination_deg = magnetic_declination_deg(latitude, longitude, year)
     except ImportError as error:
-        msg = (
+        raise DataError(
             f'declination_deg = "place" needs pygeomag ({error}); pip install '
             f"'uwtrack[declination]', or give the declination in degrees."
-        )
-        raise DataError(msg) from error
+        ) from error
     except ValueError as error:
-        msg = f"{error}; give declination_deg in degrees."
-        raise DataError(msg) from error
-    msg = (
+        raise DataError(f"{error}; give declination_deg in degrees.") from error
+    note(
         f"sensor {sensor.id!r} is given a declination of {declination_deg:.2f} degrees, "
         f"of the World Magnetic Model."
     )
-    warn(msg, UwtrackNote, stacklevel=4)
     offset_deg = sensor.compass_offset_deg + declination_deg
     return replace(sensor, compass_offset_deg=offset_deg, north=None)
 

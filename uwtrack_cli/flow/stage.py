@@ -155,8 +155,7 @@ class Stage:
         if get_origin(hint) is not None:
             hint = get_args(hint)[0]
         if not (isinstance(hint, type) and issubclass(hint, Container)):
-            msg = f"stage {self.name} returns {hint!r}, which is no container."
-            raise TypeError(msg)
+            raise TypeError(f"stage {self.name} returns {hint!r}, which is no container.")
         return hint
 
     @cached_property

@@ -9,23 +9,22 @@ probability that it was that vessel rather than another one, listed or not.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from warnings import warn
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import Origin, to_grid
+from uwtrack_cli.acoustics.geodesy import places_on_grid
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.truth import Truth, VesselTrack
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.hdf5.product import Source, source_of
 from uwtrack_cli.files.tables.ais import read_ais
 from uwtrack_cli.files.utc import format_utc
 from uwtrack_cli.flow.engine import Revision
 from uwtrack_cli.flow.scoring.encounter_scores import score_encounters
-from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors
+from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors, origin_of
 
 WITHIN_M = 2000.0
 """Range within which AIS vessels are expected to be detected unless told, m."""
@@ -55,17 +54,11 @@ class AisVessels:
             AIS needs the latitude and longitude of the sensor and the start in UTC.
         """
         sensor = recording.sensor
-        if sensor.latitude is None or sensor.longitude is None:
-            msg = (
-                f"{self.truth.name} needs to know where sensor {sensor.id!r} is: give "
-                f"latitude and longitude in its sensor file."
-            )
-            raise DataError(msg)
+        origin_of(sensor)
         shift_s = RecordedSensors([sensor], [recording]).shift_s(sensor.id, self.truth)
         first_s, last_s = (second + shift_s for second in self.span_s)
         if first_s > recording.duration_s or last_s < 0.0:
-            msg = f"no vessel gets a name: {self.said_span()}."
-            warn(msg, UwtrackWarning, stacklevel=2)
+            warn(f"no vessel gets a name: {self.said_span()}.")
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -135,23 +128,18 @@ def tracks_past(
     DataError
         The place of the sensor or the start of the recording is not known.
     """
-    if recording is None or sensor.latitude is None or sensor.longitude is None:
-        msg = f"the place and the recording of sensor {sensor.id!r} are not known."
-        raise DataError(msg)
+    if recording is None:
+        raise DataError(f"the recording of sensor {sensor.id!r} is not known.")
     vessels.check(recording)
-    origin = Origin(sensor.latitude, sensor.longitude)
+    origin = origin_of(sensor)
     shift_s = RecordedSensors([sensor], [recording]).shift_s(sensor.id, vessels.truth)
     found = []
     for track in vessels.truth.tracks:
         time_s = track.time_s + shift_s
         heard = (time_s > -MARGIN_S) & (time_s < recording.duration_s + MARGIN_S)
         near = heard & (np.abs(track.first - origin.latitude) < NEAR_DEG)
-        places = [
-            to_grid(float(latitude), float(longitude), origin)
-            for latitude, longitude in zip(track.first[near], track.second[near], strict=True)
-        ]
-        if places:
-            east, north = np.array(places).T
+        if near.any():
+            east, north = places_on_grid(track.first[near], track.second[near], origin)
             found.append(
                 VesselTrack(
                     vessel=_parted(track.vessel)[0],

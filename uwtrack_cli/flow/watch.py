@@ -141,8 +141,7 @@ class Journal:
                 return
         folder = self.path.parent
         lost = self.path if folder.is_dir() else folder
-        msg = f"{lost} was removed while it was in use: the watch ends."
-        raise OutputError(msg)
+        raise OutputError(f"{lost} was removed while it was in use: the watch ends.")
 
     def _read(self) -> None:
         """Read what was noted; half a line that a kill has left is removed."""
@@ -212,8 +211,7 @@ def watch_folder(
         The journal is of another folder or no journal, or was removed meanwhile.
     """
     if not folder.is_dir():
-        msg = f"{folder} is no folder that can be watched."
-        raise DataError(msg)
+        raise DataError(f"{folder} is no folder that can be watched.")
     output.mkdir(parents=True, exist_ok=True)
     make = partial(
         make_jobs, folder=output, recipe=recipe, options=options, resume=True, overwrite=overwrite
@@ -269,11 +267,10 @@ def _refuse_other(journal: Journal, folder: Path) -> None:
         found = find_recordings([folder])
     other = other_source(journal.sources, found, [folder])
     if other:
-        msg = (
+        raise OutputError(
             f"{journal.path} is the journal of another folder, of {other}: name another "
             f"folder with --output, or give --overwrite to go on with it."
         )
-        raise OutputError(msg)
 
 
 def _failures(journal: Journal) -> str:
@@ -391,5 +388,6 @@ def _lock(file: FileIO) -> None:
     try:
         fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
-        msg = f"{file.name} is written by another uwtrack watch; end that one first."
-        raise DataError(msg) from error
+        raise DataError(
+            f"{file.name} is written by another uwtrack watch; end that one first."
+        ) from error

@@ -122,19 +122,17 @@ def _tracker(rule: CombSearch, block: Spectrogram) -> CombTracker:
     inside = (frequency >= band[0]) & (frequency <= band[1])
     least = 64 * block.frames.cells_per_bin
     if np.count_nonzero(inside) < least:
-        msg = (
+        raise OptionError(
             f"band_hz = {band[0]:g} {band[1]:g} holds {np.count_nonzero(inside)} cells "
             f"of the spectrogram; combs needs at least {least}."
         )
-        raise OptionError(msg)
     tracker = CombTracker(rule, block)
     if not tracker.grid.bands:
         low, high = rule.fundamental_hz
-        msg = (
+        raise OptionError(
             f"fundamental_hz = {low:g} {high:g} has no comb of three teeth, four "
             f"resolutions of {tracker.bin_hz:g} Hz apart, in band_hz = {band[0]:g} "
             f"{band[1]:g}: make frames longer with 'uwtrack spectrogram --window-s', or "
             "the band wider."
         )
-        raise OptionError(msg)
     return tracker

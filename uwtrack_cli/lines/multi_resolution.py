@@ -89,31 +89,27 @@ def join_rungs(lines: list[Lines]) -> Lines:
 def _check(lines: Sequence[Lines]) -> None:
     """Refuse lines that cannot be joined."""
     if not lines:
-        msg = "there are no lines to join: run 'uwtrack track' or 'uwtrack trace' first."
-        raise DataError(msg)
+        raise DataError("there are no lines to join: run 'uwtrack track' or 'uwtrack trace' first.")
     for what, values in (
         ("sensors", {one.frames.sensor for one in lines}),
         ("kinds of level", {one.reference for one in lines}),
     ):
         if len(values) > 1:
-            msg = (
+            raise DataError(
                 f"lines of one sensor and one kind of level are joined, and these are of "
                 f"{len(values)} {what}: {', '.join(sorted(values))}."
             )
-            raise DataError(msg)
     if any(one.window_s is not None for one in lines) and len(lines) > 1:
-        msg = (
+        raise DataError(
             "some of these lines were joined from several lengths of frames before: "
             "give those of each length, all at once."
         )
-        raise DataError(msg)
     overlaps = [one.overlap_frames for one in lines]
     if max(overlaps) > (1.0 + SAME_OVERLAP) * min(overlaps):
-        msg = (
+        raise DataError(
             "the frames of all rungs must overlap by the same share, got "
             f"{', '.join(f'{1.0 - 1.0 / each:.3g}' for each in overlaps)}."
         )
-        raise DataError(msg)
 
 
 def _points(

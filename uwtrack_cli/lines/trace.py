@@ -115,14 +115,12 @@ def trace_lines(
 
 def _check(window_frames: int, shortest_frames: int) -> None:
     if window_frames % 4:
-        msg = f"window_frames must be a multiple of 4, got {window_frames}."
-        raise OptionError(msg)
+        raise OptionError(f"window_frames must be a multiple of 4, got {window_frames}.")
     if shortest_frames > window_frames:
-        msg = (
+        raise OptionError(
             f"shortest_frames must be at most window_frames = {window_frames}, got "
             f"{shortest_frames}."
         )
-        raise OptionError(msg)
 
 
 def trace_rule(
@@ -152,9 +150,8 @@ def trace_rule(
     band = band_hz or (0.0, float(block.frequency_hz[-1]))
     inside = (block.frequency_hz >= band[0]) & (block.frequency_hz <= band[1])
     if np.count_nonzero(inside) < 64 * padding:
-        msg = (
+        raise OptionError(
             f"band_hz = {band[0]:g} {band[1]:g} holds {np.count_nonzero(inside)} cells "
             f"of the spectrogram; trace needs at least {64 * padding}."
         )
-        raise OptionError(msg)
     return TraceRule(window_frames, threshold, shortest_frames, band, motion, harmonics)

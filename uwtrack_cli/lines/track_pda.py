@@ -119,11 +119,10 @@ def track_lines_pda(
 
 def _check(lowest_false_alarm: float, peaks: Peaks) -> None:
     if lowest_false_alarm >= peaks.kept_probability:
-        msg = (
+        raise OptionError(
             "lowest_false_alarm must be below the probability of the peaks kept "
             f"({peaks.kept_probability:g}), got {lowest_false_alarm}."
         )
-        raise OptionError(msg)
 
 
 @dataclass(frozen=True)

@@ -54,8 +54,9 @@ class CountLogic(OptionGroup):
             ("keep", self.keep_hits, self.keep_frames),
         ):
             if hits > frames:
-                msg = f"{name}_hits must be at most {name}_frames = {frames}, got {hits}."
-                raise OptionError(msg)
+                raise OptionError(
+                    f"{name}_hits must be at most {name}_frames = {frames}, got {hits}."
+                )
 
 
 @dataclass(frozen=True)
@@ -114,11 +115,10 @@ class Feedback(OptionGroup):
         """Refuse to forget a classification before the next one."""
         super().__post_init__()
         if self.every_frames > self.hold_frames:
-            msg = (
+            raise OptionError(
                 f"every_frames must be at most hold_frames = {self.hold_frames}, got "
                 f"{self.every_frames}."
             )
-            raise OptionError(msg)
 
 
 @dataclass(frozen=True)

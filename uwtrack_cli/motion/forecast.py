@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import Origin, to_grid, to_latitude_longitude
+from uwtrack_cli.acoustics.geodesy import Origin, places_on_grid, to_latitude_longitude
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.sensor import Navigation
@@ -136,9 +136,7 @@ def _on_grid_and_clock(own: Navigation, target: Navigation) -> Navigation:
     east, north = target.east_m, target.north_m
     origin, other = _origin(own), _origin(target)
     if origin is not None and other is not None:
-        places = zip(*to_latitude_longitude(east, north, other), strict=True)
-        grid = np.array([to_grid(float(a), float(b), origin) for a, b in places])
-        east, north = grid[:, 0], grid[:, 1]
+        east, north = places_on_grid(*to_latitude_longitude(east, north, other), origin)
     shift_s = 0.0
     if own.start_utc_ns is not None and target.start_utc_ns is not None:
         shift_s = (target.start_utc_ns - own.start_utc_ns) / NANOSECONDS

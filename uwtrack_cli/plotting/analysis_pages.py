@@ -99,8 +99,7 @@ def target_motion_figure(scene: Scene, contact: int | None, view: View) -> Figur
     """
     motions = scene.first(Motions)
     if motions is None or not motions.contact.size:
-        msg = "no motion was estimated, so there is none to draw."
-        raise DataError(msg)
+        raise DataError("no motion was estimated, so there is none to draw.")
     if contact is not None:
         motions = motions.take("motion", np.flatnonzero(motions.contact == contact))
         own = np.flatnonzero(motions.update_contact == contact)
@@ -452,8 +451,7 @@ def target_figure(scene: Scene, view: View) -> Figure:
     """
     target, scans = scene.first(Target), scene.first(Scans)
     if target is None or not target.scan.size:
-        msg = "the track holds no scan, so there is nothing to draw."
-        raise DataError(msg)
+        raise DataError("the track holds no scan, so there is nothing to draw.")
     blocks = [layout.alone(5.4, partial(draw_target, target, scans)),
               layout.alone(2.6, partial(draw_threshold, target))]  # fmt: skip
     return layout.page_figure([HeadLine("Track in clutter")], view, blocks)
@@ -469,8 +467,7 @@ def decision_figure(scene: Scene, view: View) -> Figure:
     """
     decision = scene.first(Decision)
     if decision is None or not decision.scan_time_s.size:
-        msg = "no contacts were compared, so there is nothing to draw."
-        raise DataError(msg)
+        raise DataError("no contacts were compared, so there is nothing to draw.")
     blocks = [layout.alone(4.0, partial(draw, decision)) for draw in (draw_odds, draw_terms)]
     return layout.page_figure([HeadLine("Which one moves")], view, blocks)
 

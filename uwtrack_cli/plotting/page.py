@@ -101,8 +101,7 @@ def pages_of(
     ]  # fmt: skip
     if not pages:
         names = ", ".join(sorted(held)) or "nothing"
-        msg = f"there is nothing to draw; the files hold {names}."
-        raise DataError(msg)
+        raise DataError(f"there is nothing to draw; the files hold {names}.")
     return pages
 
 
@@ -156,8 +155,7 @@ def draw_page(
     """
     names = [one.name for one in fields(View)]
     if unknown := set(how) - set(names):
-        msg = f"a plot has no option {min(unknown)!r}; it has {', '.join(names)}."
-        raise OptionError(msg)
+        raise OptionError(f"a plot has no option {min(unknown)!r}; it has {', '.join(names)}.")
     view, every = View(**how), pages_of(containers, is_demon=is_demon)
     page = choose_pages(every, None, sensor, passage)[0]
     figure = page.draw(view)
@@ -179,8 +177,7 @@ def check_picture(output: Path, *, overwrite: bool) -> None:
     """
     if output.suffix.lower() not in SUFFIXES:
         names = ", ".join(SUFFIXES)
-        msg = f"a picture is written as {names}, got {output.name!r}."
-        raise OptionError(msg)
+        raise OptionError(f"a picture is written as {names}, got {output.name!r}.")
     check_target(output, overwrite=overwrite)
 
 

@@ -198,11 +198,10 @@ def choose_axis(
     if view.band_hz is not None:
         low, high = max(low, view.band_hz[0]), min(high, view.band_hz[1])
         if not low < high:
-            msg = (
+            raise DataError(
                 f"{name} holds {known_hz[0]:g} to {known_hz[1]:g} Hz, nothing of "
                 f"{view.band_hz[0]:g} to {view.band_hz[1]:g} Hz (--band-hz)."
             )
-            raise DataError(msg)
     if not low < high:
         low, high = low - 0.5, low + 0.5
     is_wide = view.band_hz is None or 0.0 < LOG_RATIO * low < high
@@ -237,8 +236,7 @@ def plan_frames(
     usual_s = window_s or min(usual_s, duration_s, LONGEST_WINDOW_S)
     what = "what is drawn" if window_s is None else f"--window-s {window_s:g}"
     if usual_s > duration_s:
-        msg = f"{what} is longer than what is drawn, {duration_s:g} s."
-        raise OptionError(msg)
+        raise OptionError(f"{what} is longer than what is drawn, {duration_s:g} s.")
     if (count := round(usual_s * recording.sample_rate_hz)) < LEAST_SAMPLES:
         msg = (
             f"{what} holds {count} samples at {recording.sample_rate_hz:g} Hz; a spectrum "
@@ -453,11 +451,10 @@ def check_axes(container: Container, *names: str) -> None:
     """
     for name in names:
         if not np.isfinite(getattr(container, name)).all():
-            msg = (
+            raise DataError(
                 f"{name} of the {container.NAME} holds values that are no numbers; the "
                 f"file is not as it was made: make it again with 'uwtrack rerun'."
             )
-            raise DataError(msg)
 
 
 def shades(relative_db: FloatArray) -> tuple[float, float]:

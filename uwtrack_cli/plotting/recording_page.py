@@ -63,8 +63,7 @@ def recording_figure(scenes: Sequence[Scene], view: View) -> Figure:
         below = _below(scenes, 0.9 * view.width_in / (MAP_IN - 0.5))
     if not parts and below is None:
         held = ", ".join(sorted({c.NAME for s in scenes for c in s.containers}))
-        msg = f"there is nothing to draw; the files hold {held or 'nothing'}."
-        raise DataError(msg)
+        raise DataError(f"there is nothing to draw; the files hold {held or 'nothing'}.")
     over = layout.timed(layout.fitting(parts, view), view, scenes[0].clock, shared)
     blocks = ([over] if parts else []) + ([PagePart(MAP_IN, below)] if below else [])
     return layout.page_figure(_heads(scenes), view, blocks)

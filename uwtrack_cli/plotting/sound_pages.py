@@ -77,11 +77,10 @@ def sound_figure(
     db_range = convert("--db-range", RangeDb, db_range)
     colormap = style.LEVELS_MAP if colormap is None else colormap
     if colormap not in mpl.colormaps:
-        msg = (
+        raise OptionError(
             f"--colormap takes a name of matplotlib such as viridis, magma, cividis or "
             f"gray, got {colormap!r}."
         )
-        raise OptionError(msg)
     clock = Clock()
     if recording.start_utc_ns is not None:  # right by its sensor's offset
         offset_ns = round(recording.sensor.clock_offset_s * NANOSECONDS)
@@ -206,11 +205,10 @@ def demon_figure(scene: Scene, view: View) -> Figure:
 def _of_sound(scene: Scene) -> Overview:
     """Return the spectrum of the envelope of a recording whose sound is at hand."""
     if scene.sound is None:
-        msg = (
+        raise DataError(
             "the file holds no spectrum of the envelope, and the recording does not lie "
             "beside it: run with --recipe presence, which keeps one."
         )
-        raise DataError(msg)
     *_, found = pool_overview(demodulate(scene.sound))
     return found
 

@@ -76,11 +76,10 @@ class View:
         convert("--size", SizeIn, size)
         dpi = self.dpi or DPI
         if (dots := size[0] * size[1] * dpi**2) > MOST_DOTS:
-            msg = (
+            raise OptionError(
                 f"--size {size[0]:g} {size[1]:g} with --dpi {dpi:g} makes {dots / 1e6:.0f} "
                 f"million dots; {MOST_DOTS / 1e6:.0f} million are accepted."
             )
-            raise OptionError(msg)
 
     @property
     def is_wide(self) -> bool:
@@ -115,14 +114,12 @@ class View:
             ends = {"from": self.begin, "to": self.end}
             asked = " ".join(f"{word} {end}" for word, end in ends.items() if end)
             known = " to ".join(map(clock.text, usual))
-            msg = f"nothing was recorded {asked}; there is sound from {known}."
-            raise DataError(msg)
+            raise DataError(f"nothing was recorded {asked}; there is sound from {known}.")
         if not low < high:
-            msg = (
+            raise OptionError(
                 f"what is drawn ends at {self.end or f'{high:g} s'}, not after its "
                 f"begin, {self.begin or f'{low:g} s'}."
             )
-            raise OptionError(msg)
         return low, high
 
 
@@ -150,17 +147,15 @@ def to_seconds(text: str, clock: Clock) -> float:
     try:
         wanted_ns = parse_utc(f"1970-01-01T{text.strip()}Z" if is_of_day else text)
     except DataError as error:
-        msg = (
+        raise OptionError(
             f"{text!r} is no time: give seconds from the first sample, a time of day "
             f"such as 12:25 or UTC such as 2024-05-01T12:25:00Z."
-        )
-        raise OptionError(msg) from error
+        ) from error
     if clock.start_utc_ns is None:
-        msg = (
+        raise DataError(
             f"{text!r} needs the start of the recording in UTC, which is not known: give "
             f"seconds from the first sample, or run again with --start-utc."
         )
-        raise DataError(msg)
     lag_ns = wanted_ns - clock.start_utc_ns
     return (lag_ns % (86_400 * NANOSECONDS) if is_of_day else lag_ns) / NANOSECONDS
 

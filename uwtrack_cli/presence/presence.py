@@ -198,11 +198,10 @@ def find_presence(
     """
     lines, levels, encounters = lines or [], levels or [], encounters or []
     if not (lines or levels or encounters):
-        msg = (
+        raise DataError(
             "presence needs lines, levels or encounters, got none: run 'uwtrack track' "
             "or 'uwtrack levels' first."
         )
-        raise DataError(msg)
     starts: dict[str, int | None] = {}
     for frames in [*(one.frames for one in lines), *(one.frames for one in levels)]:
         starts.setdefault(frames.sensor, frames.start_utc_ns)

@@ -84,8 +84,7 @@ class Path:
             d_east, d_north = s_east - east, s_north - north
             distance = np.sqrt(d_east**2 + d_north**2 + down**2)
             if np.any(distance < NEAREST_M):
-                msg = f"a source comes nearer than {NEAREST_M} m to a sensor."
-                raise DataError(msg)
+                raise DataError(f"a source comes nearer than {NEAREST_M} m to a sensor.")
             east_cosine, north_cosine = d_east / distance, d_north / distance
             closing = -(east_cosine * s_east_rate + north_cosine * s_north_rate) / c
             step = (distance / c - delay) / (1.0 - closing)

@@ -232,8 +232,7 @@ def knock_waveforms(plan: Knocks, seed: tuple[int, ...], rate_hz: float) -> Arra
     """Return damped oscillations at drawn frequencies, of unit peak."""
     low, high = plan.band_hz
     if high >= 0.5 * rate_hz:
-        msg = f"knocks.band_hz must end below {0.5 * rate_hz:g} Hz, got {high:g}."
-        raise OptionError(msg)
+        raise OptionError(f"knocks.band_hz must end below {0.5 * rate_hz:g} Hz, got {high:g}.")
     generator = np.random.default_rng(seed)
     time_s = np.arange(round(8.0 * plan.decay_s * rate_hz)) / rate_hz
     frequency = generator.uniform(low, high, (16, 1))
@@ -303,11 +302,10 @@ def machine_sound(
     highest = len(plan.levels_db) * plan.fundamental_hz
     highest *= 1.0 + plan.step_fraction + 4.0 * plan.fraction
     if highest > 0.49 * scenario.sample_rate_hz:
-        msg = (
+        raise OptionError(
             f"harmonics of a machine must stay below {0.49 * scenario.sample_rate_hz:g} "
             f"Hz, got {highest:g}."
         )
-        raise OptionError(msg)
     last_s = scenario.duration_s + TILE / scenario.sample_rate_hz
     seed = (scenario.seed, 115, number)
     courses: list[JitterSeries | SpeedCourse] = []
@@ -379,11 +377,10 @@ class RecorderFilter:
         )
         for kind, edge in edges:
             if edge is not None and edge >= 0.5 * sample_rate_hz:
-                msg = (
+                raise OptionError(
                     f"the recorder's {kind} must be below {0.5 * sample_rate_hz:g} Hz, "
                     f"half the sample rate, got {edge:g}."
                 )
-                raise OptionError(msg)
         self.sections: Sequence[Array] = [
             butter(plan.order, edge, kind, fs=sample_rate_hz, output="sos")
             for kind, edge in edges

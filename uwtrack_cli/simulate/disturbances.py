@@ -133,8 +133,6 @@ class Machine(OptionGroup):
         """Refuse a machine that switches one way only, or makes no sound."""
         super().__post_init__()
         if (self.on_s is None) != (self.off_s is None):
-            msg = "on_s and off_s go together."
-            raise OptionError(msg)
+            raise OptionError("on_s and off_s go together.")
         if not self.levels_db:
-            msg = "levels_db must name the level of one harmonic or more."
-            raise OptionError(msg)
+            raise OptionError("levels_db must name the level of one harmonic or more.")

@@ -70,8 +70,6 @@ class Multiplex(OptionGroup):
         """
         super().__post_init__()
         if self.sample_rate_hz != int(self.sample_rate_hz):
-            msg = f"sample_rate_hz must be whole, got {self.sample_rate_hz}."
-            raise OptionError(msg)
+            raise OptionError(f"sample_rate_hz must be whole, got {self.sample_rate_hz}.")
         if {name.removeprefix("-") for name in self.dipoles} != {"east", "north"}:
-            msg = f"dipoles names east and north once each, got {list(self.dipoles)}."
-            raise OptionError(msg)
+            raise OptionError(f"dipoles names east and north once each, got {list(self.dipoles)}.")

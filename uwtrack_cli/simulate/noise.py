@@ -175,11 +175,10 @@ class ArrayNoise:
         parts = [f.name for f in fields(noise) if f.name not in PLACED]
         other = [name for name in parts if getattr(noise, name)]
         if other:
-            msg = (
+            raise OptionError(
                 f"noise.{other[0]} is not simulated for arrays ({plan.id}); leave it "
                 f"out, or use a sensor of another kind."
             )
-            raise OptionError(msg)
         self._seed = scenario.seed
         self._number = number
         places_m = np.array(plan.element_places)
@@ -187,11 +186,10 @@ class ArrayNoise:
         radius_m = float(np.linalg.norm(places_m, axis=1).max())
         crossing_s = 2.0 * radius_m / scenario.sound_speed_mps
         if crossing_s * rate > 2 * LONGEST_DELAY:
-            msg = (
+            raise OptionError(
                 f"sound crosses {plan.id} in {crossing_s * rate:.0f} samples; the noise "
                 f"of an array is simulated up to {2 * LONGEST_DELAY}: lower the rate."
             )
-            raise OptionError(msg)
         n_nodes = int(np.ceil(0.5 * np.pi * rate * crossing_s)) + SPARE_NODES
         directions, weights = _plane_waves(n_nodes, is_line=bool(plan.element_along_m))
         delays_s = -(places_m @ directions.T) / scenario.sound_speed_mps

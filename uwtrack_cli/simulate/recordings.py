@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.recording import Recording, Samples
+from uwtrack_cli.data.recording import Recording, Samples, check_block, in_blocks
 from uwtrack_cli.data.sensor import Navigation, Sensor
-from uwtrack_cli.errors import OptionError
 from uwtrack_cli.simulate.disturbance_sound import (
     AmbientGain,
     Disturbance,
@@ -43,6 +42,13 @@ from uwtrack_cli.simulate.noise import (
 from uwtrack_cli.simulate.scenario import Noise, Scenario, SensorPlan
 from uwtrack_cli.simulate.sound import VesselSound, sound_at_elements, vessel_sound
 from uwtrack_cli.simulate.trajectories import Array, sensor_trajectory, track_trajectory
+
+KNOWN_AS_IT_IS = (
+    "id", "latitude", "longitude", "position_std_m", "depth_m", "heading_deg",
+    "compass_offset_deg", "compass_std_deg", "clock_offset_s", "clock_std_s",
+    "sensitivity_db_re_v_per_upa", "adc_peak_v",
+)  # fmt: skip
+"""What the owner of a sensor knows of it without an error."""
 
 
 def simulate_recordings(scenario: Scenario) -> tuple[Recording, ...]:
@@ -124,25 +130,14 @@ def known_sensor(scenario: Scenario, plan: SensorPlan) -> Sensor:
             "heading_source": plan.heading_source if moving else "fixed",
         }
     return Sensor(
-        id=plan.id,
+        **{name: getattr(plan, name) for name in KNOWN_AS_IT_IS},
         **{"kind": plan.kind, "channels": channels, **radio},
-        latitude=plan.latitude,
-        longitude=plan.longitude,
         east_m=plan.east_m + plan.position_error_m[0] if on_grid else None,
         north_m=plan.north_m + plan.position_error_m[1] if on_grid else None,
-        position_std_m=plan.position_std_m,
-        depth_m=plan.depth_m,
         depth_std_m=0.0,
-        heading_deg=plan.heading_deg,
         sound_speed_mps=scenario.sound_speed_mps,
         sound_speed_std_mps=0.0,
-        compass_offset_deg=plan.compass_offset_deg,
-        compass_std_deg=plan.compass_std_deg,
-        clock_offset_s=plan.clock_offset_s,
-        clock_std_s=plan.clock_std_s,
-        sensitivity_db_re_v_per_upa=plan.sensitivity_db_re_v_per_upa,
         gain_db=None if plan.sensitivity_db_re_v_per_upa is None else plan.gain_db,
-        adc_peak_v=plan.adc_peak_v,
         full_scale_db=plan.full_scale_db if plan.is_calibrated else None,
         navigation=_navigation(scenario, plan) if moving else None,
         **array,
@@ -189,22 +184,8 @@ class ScenarioReader:
 
     def __call__(self, block_samples: int) -> Iterator[Samples]:
         """Yield consecutive blocks of at most so many samples."""
-        if block_samples < 1:
-            msg = f"block_samples must be 1 or more, got {block_samples}."
-            raise OptionError(msg)
-        pending: list[Samples] = []
-        held = 0
-        for tile in self._tiles():
-            pending.append(tile)
-            held += len(tile)
-            if held >= block_samples:
-                joined = np.concatenate(pending)
-                whole = held - held % block_samples
-                for begin in range(0, whole, block_samples):
-                    yield joined[begin : begin + block_samples].copy()
-                pending, held = [joined[whole:]], held - whole
-        if held:
-            yield np.concatenate(pending)
+        check_block(block_samples)
+        return in_blocks(self._tiles(), block_samples)
 
     def _tiles(self) -> Iterator[Samples]:
         plan = self.scenario.sensors[self.sensor_number].multiplex

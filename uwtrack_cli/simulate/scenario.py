@@ -129,51 +129,40 @@ class SensorPlan(OptionGroup):
         super().__post_init__()
         calibration = (self.sensitivity_db_re_v_per_upa, self.adc_peak_v)
         if calibration.count(None) == 1:
-            msg = "a calibration needs sensitivity_db_re_v_per_upa and adc_peak_v."
-            raise OptionError(msg)
+            raise OptionError("a calibration needs sensitivity_db_re_v_per_upa and adc_peak_v.")
         if not self.is_calibrated and self.full_scale_db is None:
-            msg = "is_calibrated = false needs full_scale_db: the scale of the sound."
-            raise OptionError(msg)
+            raise OptionError("is_calibrated = false needs full_scale_db: the scale of the sound.")
         if (self.full_scale_db is None) == (None in calibration):
-            msg = (
+            raise OptionError(
                 "give either sensitivity_db_re_v_per_upa, gain_db and adc_peak_v, or full_scale_db."
             )
-            raise OptionError(msg)
         if (self.latitude is None) != (self.longitude is None):
-            msg = "latitude and longitude go together."
-            raise OptionError(msg)
+            raise OptionError("latitude and longitude go together.")
         if self.latitude is not None and self.position_error_m != (0.0, 0.0):
-            msg = "position_error_m goes with east_m and north_m, not with latitude."
-            raise OptionError(msg)
+            raise OptionError("position_error_m goes with east_m and north_m, not with latitude.")
         self._check_array()
         self._check_dipoles()
         if self.track is not None and (self.heading_deg or self.latitude is not None):
-            msg = "a sensor with a track has neither heading_deg nor latitude."
-            raise OptionError(msg)
+            raise OptionError("a sensor with a track has neither heading_deg nor latitude.")
 
     def _check_dipoles(self) -> None:
         mixing = (*self.dipole_gain_errors, *self.omni_crosstalk, self.dipole_crosstalk)
         if self.kind != "difar" and any(mixing):
-            msg = 'errors of gain and crosstalk of dipoles go with kind = "difar".'
-            raise OptionError(msg)
+            raise OptionError('errors of gain and crosstalk of dipoles go with kind = "difar".')
         if self.multiplex and (self.kind != "difar" or self.axes != "true"):
-            msg = 'multiplex goes with kind = "difar" and axes = "true".'
-            raise OptionError(msg)
+            raise OptionError('multiplex goes with kind = "difar" and axes = "true".')
 
     def _check_array(self) -> None:
         shapes = [self.element_along_m, self.element_positions_m]
         if (self.kind == "array") != any(len(places) > 1 for places in shapes):
-            msg = (
+            raise OptionError(
                 'element_along_m or element_positions_m goes with kind = "array", two '
                 "places or more."
             )
-            raise OptionError(msg)
         if self.element_positions_m and (self.track or self.element_along_m):
-            msg = "element_positions_m goes without track and element_along_m."
-            raise OptionError(msg)
+            raise OptionError("element_positions_m goes without track and element_along_m.")
         if self.kind != "array" and (self.tow_offset_m or self.element_noise_db):
-            msg = 'tow_offset_m and element_noise_db go with kind = "array".'
-            raise OptionError(msg)
+            raise OptionError('tow_offset_m and element_noise_db go with kind = "array".')
 
     @property
     def element_places(self) -> tuple[tuple[float, float, float], ...]:
@@ -289,19 +278,17 @@ class Scenario(OptionGroup):
         super().__post_init__()
         names = [sensor.id for sensor in self.sensors]
         if not names or len(set(names)) != len(names):
-            msg = f"sensors need names of their own, at least one; got {names}."
-            raise OptionError(msg)
+            raise OptionError(f"sensors need names of their own, at least one; got {names}.")
         if self.start_utc is not None:
             _epoch_ns(self.start_utc)
         deepest_m = max(
             [one.depth_m for one in self.sensors] + [one.source_depth_m for one in self.vessels]
         )
         if self.sea_bed is not None and self.sea_bed.depth_m < deepest_m:
-            msg = (
+            raise OptionError(
                 f"sea_bed.depth_m is {self.sea_bed.depth_m:g} m, but a sensor or a vessel "
                 f"is {deepest_m:g} m deep: nothing can be below the bottom."
             )
-            raise OptionError(msg)
 
     @property
     def n_samples(self) -> int:
@@ -334,8 +321,7 @@ def _epoch_ns(text: str) -> int:
     try:
         moment = datetime.fromisoformat(text)
     except ValueError as error:
-        msg = f"start_utc must be like 2024-05-01T12:00:00Z, got {text!r}."
-        raise OptionError(msg) from error
+        raise OptionError(f"start_utc must be like 2024-05-01T12:00:00Z, got {text!r}.") from error
     moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
     since = moment - datetime(1970, 1, 1, tzinfo=UTC)
     seconds = since.days * 86400 + since.seconds

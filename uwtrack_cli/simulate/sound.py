@@ -310,10 +310,8 @@ def _source_sound(
 def _check_lines(lines: tuple[Tone, ...], path: Path, scenario: Scenario, speed_up: float) -> None:
     mach = (path.source.top_speed_mps + path.receiver.top_speed_mps) / (scenario.sound_speed_mps)
     if mach > 0.5:
-        msg = f"speeds must stay below half the sound speed, got {mach:.2f} of it."
-        raise OptionError(msg)
+        raise OptionError(f"speeds must stay below half the sound speed, got {mach:.2f} of it.")
     limit = 0.49 * scenario.sample_rate_hz * (1.0 - mach)
     worst = speed_up * max((tone.frequency_hz for tone in lines), default=0.0)
     if worst > limit:
-        msg = f"line frequencies must stay below {limit:.6g} Hz, got {worst:g}."
-        raise OptionError(msg)
+        raise OptionError(f"line frequencies must stay below {limit:.6g} Hz, got {worst:g}.")

@@ -85,11 +85,10 @@ def broadband_source(scenario: Scenario, vessel: Vessel) -> BroadbandSource | No
     if plan is None:
         return None
     if plan.band_hz[1] > 0.48 * scenario.sample_rate_hz:
-        msg = (
+        raise OptionError(
             f"broadband.band_hz must end below {0.48 * scenario.sample_rate_hz:g} Hz "
             f"(0.48 of the sample rate), got {plan.band_hz[1]:g}."
         )
-        raise OptionError(msg)
     shape = plan.band_hz, plan.slope_db_per_decade, plan.features
     unit = BroadbandSource(shape[0], 1.0, *shape[1:]).power()
     power = _broadband_power(plan, scenario, vessel)
@@ -129,8 +128,7 @@ def _loss(scenario: Scenario, vessel: Vessel) -> float:
 
 def _needed(noise: Noise | None, key: str) -> Noise:
     if noise is None:
-        msg = f"{key} is a ratio to the noise; give a noise table or source_level_db."
-        raise OptionError(msg)
+        raise OptionError(f"{key} is a ratio to the noise; give a noise table or source_level_db.")
     return noise
 
 

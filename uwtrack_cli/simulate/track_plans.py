@@ -62,11 +62,9 @@ class TrackPlan(OptionGroup):
         super().__post_init__()
         exactly_one(self, "speed_mps", "speed_kn")
         if (self.course_deg is None) == (len(self.waypoints_m) < 2):
-            msg = "give either course_deg or at least two waypoints_m."
-            raise OptionError(msg)
+            raise OptionError("give either course_deg or at least two waypoints_m.")
         if self.waypoints_m and self.turns:
-            msg = "waypoints_m already turn; give either them or turn."
-            raise OptionError(msg)
+            raise OptionError("waypoints_m already turn; give either them or turn.")
         check_turns(self.turns, self.start_s)
 
     @property
@@ -115,16 +113,14 @@ def check_turns(turns: tuple[Turn, ...], start_s: float) -> None:
     """Refuse turns that are out of order or begin before the track does."""
     times = [start_s, *(turn.at_s for turn in turns)]
     if any(later < earlier for earlier, later in pairwise(times)):
-        msg = f"turns must follow each other and {start_s:g} s, got at_s {times[1:]}."
-        raise OptionError(msg)
+        raise OptionError(f"turns must follow each other and {start_s:g} s, got at_s {times[1:]}.")
 
 
 def exactly_one(owner: object, *names: str) -> None:
     """Refuse a table in which none or several of the named keys are given."""
     given = [name for name in names if getattr(owner, name) is not None]
     if len(given) != 1:
-        msg = f"give exactly one of {' and '.join(names)}, got {given or 'none'}."
-        raise OptionError(msg)
+        raise OptionError(f"give exactly one of {' and '.join(names)}, got {given or 'none'}.")
 
 
 def _speed(speed_mps: float | None, speed_kn: float | None) -> float:

@@ -127,11 +127,10 @@ def array_place(plan: SensorPlan, place_m: tuple[float, float, float]) -> Trajec
     segments = track_trajectory(plan.track).segments
     speeds = {segment.speed_mps for segment in segments}
     if len(speeds) > 1 or min(speeds) <= 0.0:
-        msg = (
+        raise OptionError(
             f"an array is towed at one speed above 0, got "
             f"{', '.join(f'{speed:g}' for speed in sorted(speeds))} m/s."
         )
-        raise OptionError(msg)
     later_s = (plan.tow_offset_m - along_m) / speeds.pop()
     return Trajectory(tuple(part._replace(start_s=part.start_s + later_s) for part in segments))
 
@@ -153,8 +152,9 @@ def reference_sensor(passage: ClosestApproach | None, scenario: Scenario) -> Sen
         return scenario.sensors[0]
     names = [plan.id for plan in scenario.sensors]
     if passage.sensor not in names:
-        msg = f"closest_approach.sensor must be one of {names}, got {passage.sensor!r}."
-        raise OptionError(msg)
+        raise OptionError(
+            f"closest_approach.sensor must be one of {names}, got {passage.sensor!r}."
+        )
     return scenario.sensors[names.index(passage.sensor)]
 
 
@@ -177,11 +177,10 @@ def _passage_leg(passage: ClosestApproach, plan: SensorPlan, source_depth_m: flo
         height = plan.depth_m - source_depth_m
         square = (passage.slant_range_m or 0.0) ** 2 - height**2
         if square < 0.0:
-            msg = (
+            raise OptionError(
                 f"slant_range_m {passage.slant_range_m:g} is less than the depth "
                 f"difference of {abs(height):g} m between source and sensor."
             )
-            raise OptionError(msg)
         distance = float(np.sqrt(square))
     return Segment(
         passage.time_s,
@@ -198,8 +197,7 @@ def _with_turns(first: Segment, turns: tuple[Turn, ...]) -> tuple[Segment, ...]:
     for turn in turns:
         begin = _step(segments[-1], turn.at_s)
         if turn.at_s < segments[-1].start_s:
-            msg = f"the turn at {turn.at_s:g} s begins before the last one has ended."
-            raise OptionError(msg)
+            raise OptionError(f"the turn at {turn.at_s:g} s begins before the last one has ended.")
         change = (np.radians(turn.course_deg) - begin.course_rad + np.pi) % (2 * np.pi) - np.pi
         rate = float(np.copysign(np.radians(turn.rate_deg_per_s), change))
         speed = begin.speed_mps if turn.speed_mps is None else turn.speed_mps
@@ -229,11 +227,10 @@ def _waypoint_trajectory(track: TrackPlan) -> Trajectory:
     changes = (np.diff(courses) + np.pi) % (2 * np.pi) - np.pi
     cuts = np.concatenate([[0.0], track.turn_radius_m * np.tan(abs(changes) / 2), [0]])
     if np.any(cuts[:-1] + cuts[1:] > lengths) or track.speed <= 0.0:
-        msg = (
+        raise OptionError(
             f"waypoints_m are too close for turn_radius_m {track.turn_radius_m:g}, "
             f"or the speed is zero; legs are {lengths.round(1).tolist()} m long."
         )
-        raise OptionError(msg)
     position, time_s = points[0], track.start_s
     segments: list[Segment] = []
     for i, (cut, next_cut) in enumerate(pairwise(cuts)):

@@ -60,8 +60,7 @@ class Line(OptionGroup):
         exactly_one(self, "frequency_hz", "fundamental_hz")
         exactly_one(self, "cn0_db_hz", "source_level_db")
         if self.frequency_hz is not None and self.harmonics > 1:
-            msg = "harmonics go with fundamental_hz, not with frequency_hz."
-            raise OptionError(msg)
+            raise OptionError("harmonics go with fundamental_hz, not with frequency_hz.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,12 +107,11 @@ class Cavitation(OptionGroup):
         super().__post_init__()
         total = self.depth * sum(1.0 / k for k in range(1, self.harmonics + 1))
         if total + self.shaft_depth > 1.0:
-            msg = (
+            raise OptionError(
                 f"depth {self.depth:g} with {self.harmonics} harmonics and shaft_depth "
                 f"{self.shaft_depth:g} makes the envelope negative; the sum of depth / k "
                 "and shaft_depth must be at most 1."
             )
-            raise OptionError(msg)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,14 +191,15 @@ class Vessel(OptionGroup):
         super().__post_init__()
         exactly_one(self, "closest_approach", "track")
         if self.closest_approach is None and self.turns:
-            msg = "turns of a vessel with a track belong into its track."
-            raise OptionError(msg)
+            raise OptionError("turns of a vessel with a track belong into its track.")
         if self.closest_approach is not None:
             check_turns(self.turns, self.closest_approach.time_s)
         ends = [(change.at_s, change.at_s + change.duration_s) for change in self.gear_changes]
         if any(later[0] < earlier[1] for earlier, later in pairwise(ends)):
-            msg = "gear changes must follow each other, each after the end of the last."
-            raise OptionError(msg)
+            raise OptionError(
+                "gear changes must follow each other, each after the end of the last."
+            )
         if self.sounding_s and self.sounding_s[1] - self.sounding_s[0] < 2.0 * RAMP_S:
-            msg = f"sounding_s must last {2.0 * RAMP_S:g} s or more, got {list(self.sounding_s)}."
-            raise OptionError(msg)
+            raise OptionError(
+                f"sounding_s must last {2.0 * RAMP_S:g} s or more, got {list(self.sounding_s)}."
+            )

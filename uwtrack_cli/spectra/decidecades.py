@@ -93,11 +93,10 @@ def band_edges(block: Spectrogram) -> FloatArray:
     is_whole = (edges[:, 0] >= low) & (edges[:, 1] <= high)
     edges = edges[is_whole & (np.diff(edges)[:, 0] >= resolution_hz)]
     if not edges.size:
-        msg = (
+        raise DataError(
             f"the spectrogram reaches from {frequency[0]:g} to {frequency[-1]:g} Hz at a "
             f"resolution of {resolution_hz:g} Hz: it holds no decidecade band."
         )
-        raise DataError(msg)
     return np.asarray(edges)
 
 

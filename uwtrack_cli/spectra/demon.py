@@ -18,7 +18,6 @@ Sutin, Sedunov & Bruno, "DEMON acoustic ship signature measurements in an urban 
 Advances in Acoustics and Vibration (2011).
 """
 
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -30,7 +29,7 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked, resolved_by
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import MODULATION, Spectrogram
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, warn
 from uwtrack_cli.estimation.decimation import PASS_SHARE, decimated_blocks
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.estimation.window import hann
@@ -146,8 +145,7 @@ def demodulate(
     K bands with B Hz each the noise has the density 1 / (K B) per Hz, but for overlap.
     """
     if recording.reader is None:
-        msg = f"{recording.name} was not opened for reading; open the sound file again."
-        raise DataError(msg)
+        raise DataError(f"{recording.name} was not opened for reading; open the sound file again.")
     given = {"band_hz": band_hz, "window_s": window_s, "rate_hz": rate_hz, "decimation": decimation}
     known = {**given, **resolve_demon(recording, given)}
     if known["band_hz"] is None or known["window_s"] is None:
@@ -207,30 +205,27 @@ def _plan(
     highest_hz = 0.5 * fs * (PASS_SHARE if counts.decimation > 1 else 1.0)
     after = "" if counts.decimation == 1 else f" after decimation by {counts.decimation}"
     if band_hz[1] > highest_hz:
-        msg = (
+        raise OptionError(
             f"band_hz = {band_hz[0]:g} {band_hz[1]:g} reaches above {highest_hz:g} Hz, "
             f"all that {recording.name} holds{after}; give a band below it, or none."
         )
-        raise OptionError(msg)
     if fs < _least_rate_hz(rate_hz):
-        msg = (
+        raise OptionError(
             f"rates up to {rate_hz[1]:g} Hz need a sample rate of "
             f"{_least_rate_hz(rate_hz):g} Hz or more, and {recording.name} has {fs:g} Hz"
             f"{after}; lower the upper limit of rate_hz."
         )
-        raise OptionError(msg)
     window = HOPS * round(WINDOW_RATES / rate_hz[1] * fs / HOPS)
     envelope = EnvelopePlan(fs, window, _cells(band_hz, window, fs), counts.n_bands)
     length = max(16, round(window_s * envelope.rate_hz))
     hop = max(1, round(length * (1.0 - counts.overlap)))
     length = round(hop / (1.0 - counts.overlap))  # so that the overlap is as stated
     if recording.duration_s < window_s + window / fs:
-        msg = (
+        raise DataError(
             f"{recording.name} lasts {recording.duration_s:g} s, less than one window of "
             f"{window_s:g} s of its envelope; give a shorter one (demon --window-s, or "
             "run --set demon.window_s=SECONDS)."
         )
-        raise DataError(msg)
     fft_length = length * counts.zero_padding
     kept = _kept(envelope, fft_length, rate_hz)
     return _Layout(envelope, length, hop, fft_length, kept, counts.decimation)
@@ -243,12 +238,11 @@ def _cells(band_hz: tuple[float, float], window: int, fs: float) -> slice:
     frequency = np.fft.rfftfreq(length, 1.0 / fs)
     inside = np.flatnonzero((frequency >= band_hz[0]) & (frequency <= band_hz[1]))
     if inside.size < FEWEST_CELLS:
-        msg = (
+        raise OptionError(
             f"band_hz = {band_hz[0]:g} {band_hz[1]:g} is too narrow: it must be "
             f"{FEWEST_CELLS * fs / length:.4g} Hz wide for rates of this range; widen it, "
             "or lower the upper limit of rate_hz."
         )
-        raise OptionError(msg)
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 
@@ -256,12 +250,11 @@ def _kept(envelope: EnvelopePlan, fft_length: int, rate_hz: tuple[float, float])
     frequency = np.fft.rfftfreq(fft_length, 1.0 / envelope.rate_hz)
     inside = np.flatnonzero((frequency >= rate_hz[0]) & (frequency <= rate_hz[1]))
     if inside.size < 8:
-        msg = (
+        raise OptionError(
             f"rate_hz = {rate_hz[0]:g} {rate_hz[1]:g} holds {inside.size} cells of "
             f"{envelope.rate_hz / fft_length:.3g} Hz; at least 8 are needed: widen it, or "
             "lengthen window_s."
         )
-        raise OptionError(msg)
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 
@@ -306,8 +299,7 @@ def _no_frames(
             f"lasts {recording.duration_s:g} s, and rates of shafts and blades need "
             f"{2.0 * LEAST_WINDOW_S:g} s or more"
         )
-    msg = f"{recording.name} {cause}: there is no spectrum of its envelope."
-    warnings.warn(msg, UwtrackWarning, stacklevel=3)
+    warn(f"{recording.name} {cause}: there is no spectrum of its envelope.")
     length = round(USUAL_WINDOW_S * recording.sample_rate_hz)
     cell_hz = 1.0 / (USUAL_WINDOW_S * zero_padding)
     frequency = np.arange(rate_hz[0], rate_hz[1], cell_hz)

@@ -132,23 +132,21 @@ def fit_dipoles(known: KnownPassage) -> DipoleFit:
     angle = np.unwrap(known.angle_rad[heard])
     span_deg = float(np.degrees(np.ptp(angle))) if angle.size else 0.0
     if angle.size < FEWEST_FRAMES or span_deg < LEAST_SPAN_DEG:
-        msg = (
+        raise DataError(
             f"the vessel is above the quiet time in {angle.size} frames over "
             f"{span_deg:.0f} degrees of bearing; a calibration needs {FEWEST_FRAMES} "
             f"frames and {LEAST_SPAN_DEG:g} degrees. Take a nearer passage, or the band "
             f"in which it is loud (--band-hz)."
         )
-        raise DataError(msg)
     problem = _Problem(known, heard)
     fit = problem.solve()
     mirrored = _Problem(known, heard, mirror=-1.0).solve()
     if mirrored.cost < MIRRORED_SHARE * fit.cost:
-        msg = (
+        raise MirroredDipolesError(
             "the bearings turn the wrong way round: the dipoles are exchanged, or one "
             "of them is inverted. Correct the order of the channels in the sensor file, "
             "or the sign of the channel."
         )
-        raise MirroredDipolesError(msg)
     covariance = problem.covariance(fit)
     prior = np.append(problem.prior_std[:5], np.pi)
     std = np.sqrt(np.diag(covariance))

@@ -319,12 +319,11 @@ def _measure(block: Spectrogram, band_hz: tuple[float, float], n_bands: int) -> 
 def _edges(frequency_hz: FloatArray, band_hz: tuple[float, float], n_bands: int) -> FloatArray:
     low, high = np.searchsorted(frequency_hz, band_hz)
     if high - low < 16:
-        msg = (
+        raise OptionError(
             f"band_hz = {band_hz[0]:g} {band_hz[1]:g} holds {max(high - low, 0)} cells "
             f"of the spectrogram, which reaches {frequency_hz[0]:g} to "
             f"{frequency_hz[-1]:g} Hz; at least 16 are needed."
         )
-        raise OptionError(msg)
     n_bands = min(n_bands, int(high - low) // 16)
     return np.linspace(low, high, n_bands + 1).astype(np.int64)
 

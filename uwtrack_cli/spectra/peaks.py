@@ -85,11 +85,10 @@ def find_peaks(
     Bearings are freed of directional noise beneath the line; see `peak_bearings`.
     """
     if kept_probability < false_alarm_probability:
-        msg = (
+        raise OptionError(
             "kept_probability must be at least false_alarm_probability = "
             f"{false_alarm_probability:g}, got {kept_probability:g}."
         )
-        raise OptionError(msg)
     chosen = _chosen_cells(spectrogram.frequency_hz, band_hz)
     frames, power = spectrogram.frames, spectrogram.power_density[:, chosen]
     padding = frames.cells_per_bin
@@ -126,11 +125,10 @@ def _chosen_cells(frequency_hz: FloatArray, band_hz: tuple[float, float] | None)
         return slice(0, frequency_hz.size)
     inside = np.flatnonzero((frequency_hz >= band_hz[0]) & (frequency_hz <= band_hz[1]))
     if inside.size < 8:
-        msg = (
+        raise OptionError(
             f"band_hz = {band_hz[0]:g} {band_hz[1]:g} holds {inside.size} cells of the "
             f"spectrogram, which reaches {frequency_hz[0]:g} to {frequency_hz[-1]:g} Hz."
         )
-        raise OptionError(msg)
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 

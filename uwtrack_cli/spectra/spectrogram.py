@@ -12,7 +12,6 @@ conjugate of the dipole channels, turned to east and north.
 
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
-from warnings import warn
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Rungs, Unit, c
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import FULL_SCALE, MICROPASCAL, Spectrogram
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, warn
 from uwtrack_cli.estimation.decimation import PASS_SHARE, decimated_blocks, usual_decimation
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.spectra.dipoles import directional_channels, true_components
@@ -114,11 +113,10 @@ def compute_spectrogram(
         recording, used["window_s"], overlap, zero_padding, band_hz, used["decimation"]
     )
     if recording.sensor.element_along_m is not None:
-        msg = (
+        warn(
             f"the spectrogram is that of hydrophone {recording.sensor.channel_names[0]} "
             f"of array {recording.sensor.id!r} alone; 'uwtrack beamform' uses all."
         )
-        warn(msg, UwtrackWarning, stacklevel=3)
     return _blocks(recording, layout)
 
 
@@ -142,23 +140,20 @@ def plan_frames(
         The recording is shorter than one window, or was not opened for reading.
     """
     if recording.reader is None:
-        msg = f"{recording.name} was not opened for reading; open the sound file again."
-        raise DataError(msg)
+        raise DataError(f"{recording.name} was not opened for reading; open the sound file again.")
     rate_hz = recording.sample_rate_hz / decimation
     window = round(window_s * rate_hz)
     if window < 16:
-        msg = (
+        raise OptionError(
             f"window_s = {window_s} s holds {max(window, 0)} samples at {rate_hz:g} Hz; "
             "at least 16 are needed."
         )
-        raise OptionError(msg)
     if recording.n_samples < window * decimation:
-        msg = (
+        raise DataError(
             f"{recording.name} lasts {recording.duration_s:g} s, less than one window "
             f"of {window_s:g} s; give a shorter one (spectrogram --window-s, or "
             f"run --set STEP.window_s=SECONDS for the recipe's step with {window_s:g} s)."
         )
-        raise DataError(msg)
     hop = max(1, round(window * (1.0 - overlap)))
     fft_length = window * zero_padding
     frequency_hz = np.fft.rfftfreq(fft_length, 1.0 / rate_hz)
@@ -175,11 +170,10 @@ def _kept(frequency_hz: FloatArray, band_hz: tuple[float, float] | None) -> slic
     low, high = band_hz
     inside = np.flatnonzero((frequency_hz >= low) & (frequency_hz <= high))
     if inside.size < 8:
-        msg = (
+        raise OptionError(
             f"band_hz = {low:g} {high:g} must reach below the highest frequency of the "
             f"recording, {frequency_hz[-1]:g} Hz, and hold 8 cells."
         )
-        raise OptionError(msg)
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 

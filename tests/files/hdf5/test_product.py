@@ -33,7 +33,6 @@ from uwtrack_cli.files.hdf5.product import (
     HistoryStep,
     ProductWriter,
     Source,
-    product_to_bytes,
     read_product,
     read_product_bytes,
     verify_product,
@@ -343,8 +342,8 @@ def test_peaks_out_of_the_order_of_frames_cannot_be_streamed(tmp_path):
 def test_product_in_memory_is_the_product_in_a_file(tmp_path):
     made = list(chain().values())
     steps = [HistoryStep.now("peaks", {"x": 1.5})]
-    content = product_to_bytes(made, history=steps)
-    (tmp_path / "p.h5").write_bytes(content)
+    write_product(tmp_path / "p.h5", made, history=steps)
+    content = (tmp_path / "p.h5").read_bytes()
     with read_product_bytes(content) as memory, read_product(tmp_path / "p.h5") as file:
         assert memory.history == file.history == steps
         assert memory.digest == file.digest

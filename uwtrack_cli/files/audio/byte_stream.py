@@ -20,9 +20,8 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
-from warnings import warn
 
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.input_ledger import as_input, standard_input
 
 HELD_BYTES = 1 << 24
@@ -168,8 +167,7 @@ class PipeStream(ByteStream):
             self.stalls_s.append(read_s)
         if not piece and self._failure is not None:
             reason = self._failure.strerror or self._failure
-            msg = f"cannot read {self.name}: {reason}."
-            raise DataError(msg)
+            raise DataError(f"cannot read {self.name}: {reason}.")
         return piece
 
     def _read(self) -> None:
@@ -245,11 +243,10 @@ class GrowingFile(ByteStream):
     def _next(self) -> bytes | None:
         if os.fstat(self._file.fileno()).st_size < self._position:
             self._is_shorter = True
-            msg = (
+            warn(
                 f"{self.name} has become shorter while it was followed: what was read "
                 f"before is used."
             )
-            warn(msg, UwtrackWarning, stacklevel=2)
             return b""
         end = None if self._stated_end is None else self._stated_end(self._file)
         room = PIECE_BYTES if end is None else max(0, end - self._position)
@@ -259,11 +256,10 @@ class GrowingFile(ByteStream):
         if piece:
             return piece
         if time.monotonic() - self._last_s >= NAMELESS_S and not self._has_its_name():
-            msg = (
+            warn(
                 f"{self.name} was moved, replaced or removed while it was followed: "
                 f"what was written into it is used."
             )
-            warn(msg, UwtrackWarning, stacklevel=2)
             return b""
         time.sleep(TURN_S)
         return None
@@ -292,14 +288,12 @@ def open_standard_input(idle_s: float | None) -> PipeStream:
     name = "standard input"
     stream = standard_input()
     if stream is None:
-        msg = "standard input is closed: there is no sound."
-        raise DataError(msg)
+        raise DataError("standard input is closed: there is no sound.")
     if stream.isatty():
-        msg = (
+        raise DataError(
             "standard input is a terminal: send sound through a pipe, as with "
             "sox FILE -t wav - | uwtrack run - -o pass.run.h5."
         )
-        raise DataError(msg)
     try:
         number = os.dup(stream.fileno())
     except (OSError, io.UnsupportedOperation):  # a stream without a file

@@ -13,13 +13,12 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 from itertools import chain
 from typing import Protocol, runtime_checkable
-from warnings import warn
 
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray
-from uwtrack_cli.data.recording import LiveSource, Samples
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.data.recording import LiveSource, Samples, check_block
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.audio.byte_stream import ByteStream
 from uwtrack_cli.files.audio.dropouts import Dropouts, segment_without_dropouts, without_dropouts
 from uwtrack_cli.files.audio.reader import Tally
@@ -140,9 +139,7 @@ class LiveReader:
         OptionError
             Less than one sample.
         """
-        if block_samples < 1:
-            msg = f"a block must have at least 1 sample, got {block_samples}."
-            raise OptionError(msg)
+        check_block(block_samples)
         return self._blocks(block_samples)
 
     def segment(self, first_sample: int, n_samples: int) -> Samples:
@@ -171,11 +168,10 @@ class LiveReader:
             begin = self._start + first_sample * frame
             content = self.stream.again(begin, n_samples * frame)
         if content is None:
-            msg = (
+            raise DataError(
                 f"samples {first_sample} to {first_sample + n_samples} of "
                 f"{self.stream.name} are not at hand, of {self.n_samples} that came."
             )
-            raise DataError(msg)
         block = self.header.sample_format.decode(content, self.header.n_channels)
         return block[:, list(self.columns)]
 
@@ -232,20 +228,18 @@ class LiveReader:
         content = self.stream.take(wanted)
         if self.is_raw and not self._taken and _is_text(content):
             start = content.split(b"\n")[0][:40].decode(errors="replace").strip()
-            msg = (
+            raise DataError(
                 f"{self.stream.name} gives text, which begins with {start!r}, and --raw "
                 f"takes samples: look at what the program writes, and have it write its "
                 f"messages to standard error."
             )
-            raise DataError(msg)
         self._taken += len(content)
         odd = len(content) % header.frame_bytes
         if odd:
-            msg = (
+            warn(
                 f"{self.stream.name} ends in the middle of a sample: its last {odd} "
                 f"bytes are left out."
             )
-            warn(msg, UwtrackWarning, stacklevel=2)
         whole = content[: len(content) - odd]
         return header.sample_format.decode(whole, header.n_channels)
 
@@ -281,28 +275,26 @@ class LiveReader:
         name = self.stream.name
         said = tally.problems(name, self.columns), dropouts.problems(name)
         for msg in chain(*said):
-            warn(msg, UwtrackWarning, stacklevel=2)
+            warn(msg)
 
     def _compare(self, promised: int) -> None:
         """Compare the end of the sound with the end that the header promises."""
         per_second = self.header.sample_rate_hz * self.header.frame_bytes
         came = f"{self._taken / per_second:.3f} s"
         if self._taken < promised:
-            msg = (
+            warn(
                 f"{self.stream.name} ended after {came}; its header promises "
                 f"{promised / per_second:.3f} s."
             )
-            warn(msg, UwtrackWarning, stacklevel=3)
             return
         n_trailing = 0
         while piece := self.stream.take(TRAILING_BYTES):
             n_trailing += len(piece)
         if n_trailing > TRAILING_BYTES:
-            msg = (
+            warn(
                 f"{self.stream.name} went on for {n_trailing} bytes after the {came} "
                 f"that its header promises; they are left out."
             )
-            warn(msg, UwtrackWarning, stacklevel=3)
 
 
 def _is_text(content: bytes) -> bool:

@@ -54,11 +54,9 @@ class RawSound:
         known = dict.fromkeys(RAW_FORMATS)
         refuse_unknown({self.sample_format: None}, known, "--raw", "sample format")
         if not 1 <= self.sample_rate_hz <= 1e7:
-            msg = f"--rate-hz must be 1 to 1e7 Hz, got {self.sample_rate_hz:g}."
-            raise OptionError(msg)
+            raise OptionError(f"--rate-hz must be 1 to 1e7 Hz, got {self.sample_rate_hz:g}.")
         if not 1 <= self.n_channels <= 1024:
-            msg = f"--channels must be 1 to 1024, got {self.n_channels}."
-            raise OptionError(msg)
+            raise OptionError(f"--channels must be 1 to 1024, got {self.n_channels}.")
         sample_format = RAW_FORMATS[self.sample_format]
         return StreamHeader(self.sample_rate_hz, self.n_channels, sample_format)
 
@@ -135,8 +133,7 @@ def open_live_recording(
 
 def _open(path: Path, idle_s: float | None, *, is_raw: bool) -> ByteStream:
     if idle_s is not None and not idle_s > 0:
-        msg = f"--idle-s must be more than 0 s, got {idle_s:g}."
-        raise OptionError(msg)
+        raise OptionError(f"--idle-s must be more than 0 s, got {idle_s:g}.")
     if path == STANDARD_INPUT:
         return open_standard_input(idle_s)
     if is_pipe(path):
@@ -166,6 +163,7 @@ def live_span(
     first = round((start_s or 0.0) * rate_hz)
     last = None if stop_s is None else round(stop_s * rate_hz)
     if first < 0 or (last is not None and last <= first):
-        msg = f"start_s must be 0 or more and stop_s after it, got {start_s} and {stop_s}."
-        raise OptionError(msg)
+        raise OptionError(
+            f"start_s must be 0 or more and stop_s after it, got {start_s} and {stop_s}."
+        )
     return first, last

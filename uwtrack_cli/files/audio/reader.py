@@ -9,13 +9,12 @@ value in all channels are passed on as nan (`dropouts`).
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from warnings import warn
 
 import numpy as np
 import soundfile
 
-from uwtrack_cli.data.recording import Samples
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.data.recording import Samples, check_block
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.audio.dropouts import Dropouts, segment_without_dropouts, without_dropouts
 from uwtrack_cli.files.audio.opening import open_sound
 
@@ -40,8 +39,7 @@ def file_stamp(path: Path) -> tuple[int, int]:
     try:
         facts = path.stat()
     except OSError as error:
-        msg = f"cannot read {path}: {error.strerror or error}."
-        raise DataError(msg) from error
+        raise DataError(f"cannot read {path}: {error.strerror or error}.") from error
     return facts.st_size, facts.st_mtime_ns
 
 
@@ -73,9 +71,7 @@ class AudioReader:
 
     def __call__(self, block_samples: int) -> Iterator[Samples]:
         """Yield blocks of so many samples, float32, shape (sample, channel)."""
-        if block_samples < 1:
-            msg = f"a block must have at least 1 sample, got {block_samples}."
-            raise OptionError(msg)
+        check_block(block_samples)
         return self._blocks(block_samples)
 
     def segment(self, first_sample: int, n_samples: int) -> Samples:
@@ -100,8 +96,7 @@ class AudioReader:
                 )
                 return segment_without_dropouts(read, span, bounds, file.samplerate)
         except (soundfile.SoundFileError, RuntimeError, OSError) as error:
-            msg = f"{self.path} cannot be read again: {error}."
-            raise DataError(msg) from error
+            raise DataError(f"{self.path} cannot be read again: {error}.") from error
 
     def _blocks(self, block_samples: int) -> Iterator[Samples]:
         tally = Tally(len(self.columns))
@@ -113,16 +108,14 @@ class AudioReader:
                     self._read_blocks(file, block_samples, tally), dropouts, block_samples
                 )
         except (soundfile.SoundFileError, RuntimeError, OSError) as error:
-            msg = f"{self.path} cannot be read further: {error}."
-            raise DataError(msg) from error
+            raise DataError(f"{self.path} cannot be read further: {error}.") from error
         if self.stamp is not None and file_stamp(self.path) != self.stamp:
-            msg = f"{self.path} changed while it was read; run again when it is whole."
-            raise DataError(msg)
+            raise DataError(f"{self.path} changed while it was read; run again when it is whole.")
         if not self.has_warned:
             self.has_warned = True
             said = tally.problems(self.path.name, self.columns)
             for msg in (*said, *dropouts.problems(self.path.name)):
-                warn(msg, UwtrackWarning, stacklevel=2)
+                warn(msg)
 
     def _read_blocks(
         self, file: soundfile.SoundFile, block_samples: int, tally: "Tally"
@@ -145,12 +138,11 @@ class AudioReader:
             part = file.read(wanted, dtype=dtype, always_2d=True)
             if part.shape[0] < wanted:
                 end = start + offset + part.shape[0]
-                msg = (
+                raise DataError(
                     f"{self.path} ends at {end / file.samplerate:.3f} s, its header "
                     f"promises {self.last / file.samplerate:.3f} s; "
                     f"give --stop-s {end / file.samplerate:.3f} to use what is there."
                 )
-                raise DataError(msg)
             chosen = part if is_whole else part[:, list(self.columns)]
             np.multiply(chosen, scale, out=block[offset : offset + wanted])
         if not (is_short or np.isfinite(block).all()):

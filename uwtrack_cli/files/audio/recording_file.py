@@ -9,9 +9,9 @@ passed on as nan, so that the frames can count it as a gap.
 from collections.abc import Iterator
 from dataclasses import replace
 from io import BytesIO
+from itertools import chain
 from pathlib import Path
 from typing import Any
-from warnings import warn
 
 import numpy as np
 import soundfile
@@ -20,7 +20,7 @@ from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.errors import DataError, OptionError, OutputError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, OutputError, warn
 from uwtrack_cli.files.atomic import atomic_target
 from uwtrack_cli.files.audio.header import SampleBytes, sample_bytes
 from uwtrack_cli.files.audio.opening import decodable_samples, open_sound, why_no_recording
@@ -111,14 +111,12 @@ def _sound_info(path: Path) -> Any:
     except (soundfile.SoundFileError, RuntimeError, OSError) as error:
         raise DataError(why_no_recording(path, error)) from error
     if info.format not in FORMATS:
-        msg = f"{path} is {info.format}; accepted are WAV, RF64, W64, FLAC and AIFF."
-        raise DataError(msg)
+        raise DataError(f"{path} is {info.format}; accepted are WAV, RF64, W64, FLAC and AIFF.")
     if not 1 <= info.samplerate <= 10_000_000 or info.channels < 1:
-        msg = (
+        raise DataError(
             f"{path} claims {info.channels} channels at {info.samplerate} Hz, "
             f"which no recording has: its header is damaged."
         )
-        raise DataError(msg)
     return info
 
 
@@ -131,14 +129,12 @@ def _usable_samples(path: Path, info: Any, *, allow_truncated: bool) -> int:
     elif info.frames:
         present = decodable_samples(path, info.frames)
     if promised < 1:
-        msg = f"{path} holds no samples."
-        raise DataError(msg)
+        raise DataError(f"{path} holds no samples.")
     problem = _shortage(path, counted, present, promised, info.samplerate)
     if problem:
         if not allow_truncated or not present:
-            msg = f"{problem}; give --allow-truncated to take what is there."
-            raise DataError(msg)
-        warn(f"{problem}; these are used.", UwtrackWarning, stacklevel=3)
+            raise DataError(f"{problem}; give --allow-truncated to take what is there.")
+        warn(f"{problem}; these are used.")
     return int(present)
 
 
@@ -183,12 +179,11 @@ def select_channels(
     names = sensor.channel_names
     if len(names) != n_channels:
         one = ", or take one with --channel" if len(names) == 1 else ""
-        msg = (
+        raise DataError(
             f"{path} has {n_channels} channels, but sensor {sensor.id!r} names "
             f"{len(names)} ({sensor.channels}): correct `channels` in its file, with "
             f'"-" for a channel to leave out{one}.'
         )
-        raise DataError(msg)
     order = names if sensor.is_array else ORDER
     kept = [name for name in order if name in names and name != "-"]
     columns = tuple(names.index(name) for name in kept)
@@ -199,18 +194,16 @@ def _one_channel(
     path: Path, n_channels: int, sensor: Sensor | None, channel: int
 ) -> tuple[Sensor, tuple[int, ...]]:
     if not 1 <= channel <= n_channels:
-        msg = f"{path} has channels 1 to {n_channels}, got channel {channel}."
-        raise OptionError(msg)
+        raise OptionError(f"{path} has channels 1 to {n_channels}, got channel {channel}.")
     if sensor is None:
         return _unnamed(path), (channel - 1,)
     if sensor.is_multiplexed:
         return replace(sensor, channels="multiplex"), (channel - 1,)
     if sensor.has_direction:
-        msg = (
+        raise OptionError(
             f"sensor {sensor.id!r} is a vector sensor ({sensor.channels}) and needs "
             f"all its channels; leave out --channel {channel}."
         )
-        raise OptionError(msg)
     one = replace(
         sensor, kind="omni", channels="omni",
         element_along_m=None, element_positions_m=None, tow_offset_m=None,
@@ -221,11 +214,10 @@ def _one_channel(
 
 def _unnamed(path: Path, n_channels: int = 1) -> Sensor:
     first = f"channel 1 of {n_channels} is read, " if n_channels > 1 else ""
-    msg = (
+    warn(
         f"{path.name} has no sensor file: {first}depth and calibration are unknown "
         f"(uwtrack init-sensor)."
     )
-    warn(msg, UwtrackWarning, stacklevel=4)
     return Sensor(id=UNNAMED)
 
 
@@ -254,19 +246,16 @@ def span_in(
     start = 0.0 if start_s is None else start_s
     stop = duration_s if stop_s is None else stop_s
     if not 0.0 <= start < duration_s or not start < stop:
-        msg = (
+        raise OptionError(
             f"{path} lasts {duration_s:.3f} s; start_s and stop_s must lie in it, "
             f"in this order, got {start} and {stop}."
         )
-        raise OptionError(msg)
     if round(stop * rate) > n_samples:
-        msg = f"{path.name} ends at {duration_s:.3f} s, before stop_s = {stop}."
-        warn(msg, UwtrackWarning, stacklevel=3)
+        warn(f"{path.name} ends at {duration_s:.3f} s, before stop_s = {stop}.")
     last = min(n_samples, round(min(stop, duration_s) * rate))
     first = min(round(start * rate), last)
     if first == last:
-        msg = f"there is no sample of {path} between {start} s and {stop} s."
-        raise OptionError(msg)
+        raise OptionError(f"there is no sample of {path} between {start} s and {stop} s.")
     return first, last
 
 
@@ -313,14 +302,13 @@ def write_wav(
     path = Path(path)
     kind = WRITTEN_FORMATS.get(path.suffix.lower())
     if kind is None:
-        msg = f"cannot write {path}: the suffix must be one of {', '.join(WRITTEN_FORMATS)}."
-        raise OptionError(msg)
+        raise OptionError(
+            f"cannot write {path}: the suffix must be one of {', '.join(WRITTEN_FORMATS)}."
+        )
     if sample_rate_hz != int(sample_rate_hz) or sample_rate_hz < 1:
-        msg = f"the sample rate must be whole Hz, at least 1, got {sample_rate_hz}."
-        raise OptionError(msg)
+        raise OptionError(f"the sample rate must be whole Hz, at least 1, got {sample_rate_hz}.")
     if not soundfile.check_format(kind, subtype):
-        msg = f"{kind} has no sample format {subtype!r}."
-        raise OptionError(msg)
+        raise OptionError(f"{kind} has no sample format {subtype!r}.")
     with atomic_target(path, overwrite=overwrite) as temporary:
         date = "" if start_utc_ns is None or kind not in DATED else format_utc(start_utc_ns)
         return _write_blocks(
@@ -350,8 +338,7 @@ def _write_blocks(
 ) -> int:
     first = next(blocks, None)
     if first is None:
-        msg = f"there are no samples to write to {path}."
-        raise DataError(msg)
+        raise DataError(f"there are no samples to write to {path}.")
     total = 0
     try:
         with soundfile.SoundFile(
@@ -359,18 +346,15 @@ def _write_blocks(
         ) as file:
             if date:
                 file.date = date
-            for block in _chain(first, blocks):
+            for block in chain([first], blocks):
                 if not np.isfinite(block).all() and "PCM" in subtype:
-                    msg = f"samples of {path} are no numbers near sample {total}."
-                    raise DataError(msg)
+                    raise DataError(f"samples of {path} are no numbers near sample {total}.")
                 file.write(block)
                 total += block.shape[0]
                 if kind == "WAV" and temporary.stat().st_size > WAV_BYTES:
-                    msg = f"{path} grows beyond 4 GB: name it .w64 or .rf64."
-                    raise OutputError(msg)
+                    raise OutputError(f"{path} grows beyond 4 GB: name it .w64 or .rf64.")
     except soundfile.SoundFileError as error:
-        msg = f"cannot write {path}: {error}."
-        raise OutputError(msg) from error
+        raise OutputError(f"cannot write {path}: {error}.") from error
     if kind == "WAV":
         _forget_time(temporary)
     return total
@@ -383,8 +367,3 @@ def _forget_time(path: Path) -> None:
         if at > 0:
             file.seek(at + 12)
             file.write(bytes(4))
-
-
-def _chain(first: Samples, rest: Iterator[Samples]) -> Iterator[Samples]:
-    yield first
-    yield from rest

@@ -80,8 +80,7 @@ def find_start_utc_ns(
         try:
             return parse_utc(start_utc, clock)
         except DataError as error:
-            msg = f"the start time cannot be understood: {error}"
-            raise OptionError(msg) from error
+            raise OptionError(f"the start time cannot be understood: {error}") from error
     patterns = PRESETS if time_pattern is None else _patterns(time_pattern)
     found = {
         time: name
@@ -90,14 +89,12 @@ def find_start_utc_ns(
     }
     if len(found) > 1:
         listed = ", ".join(f"{format_utc(t)} ({found[t]})" for t in sorted(found))
-        msg = (
+        raise DataError(
             f"the name {path.name} fits several times: {listed}; "
             f"give --time-pattern or --start-utc."
         )
-        raise DataError(msg)
     if not found and time_pattern is not None:
-        msg = f"the name {path.name} does not fit the pattern {time_pattern!r}."
-        raise DataError(msg)
+        raise DataError(f"the name {path.name} does not fit the pattern {time_pattern!r}.")
     return next(iter(found)) if found else _start_in_header(path)
 
 
@@ -133,30 +130,28 @@ def _patterns(text: str) -> dict[str, str]:
     if text in PRESETS:
         return {text: PRESETS[text]}
     if "%" not in text:
-        msg = (
+        raise OptionError(
             f"unknown time pattern {text!r}: give one such as '%Y%m%d_%H%M%S', "
             f"or a preset: {', '.join(PRESETS)}."
         )
-        raise OptionError(msg)
     expression = ""
     pieces = re.split(r"%(.)", text)
     for literal, directive in zip(pieces[::2], [*pieces[1::2], ""], strict=True):
         expression += re.escape(literal)
         if directive and directive not in DIRECTIVES:
-            msg = (
+            raise OptionError(
                 f"time pattern {text!r}: %{directive} is not understood; "
                 f"accepted are {', '.join('%' + name for name in DIRECTIVES)}."
             )
-            raise OptionError(msg)
         expression += DIRECTIVES.get(directive, "")
     try:
         fields = set(re.compile(expression).groupindex)
     except re.error as error:
-        msg = f"time pattern {text!r} uses a directive twice."
-        raise OptionError(msg) from error
+        raise OptionError(f"time pattern {text!r} uses a directive twice.") from error
     if not fields & {"Y", "yy"} or not ("j" in fields or {"m", "d"} <= fields):
-        msg = f"time pattern {text!r} names no day: it needs %Y or %y, and %m with %d or %j."
-        raise OptionError(msg)
+        raise OptionError(
+            f"time pattern {text!r} names no day: it needs %Y or %y, and %m with %d or %j."
+        )
     return {text: expression}
 
 

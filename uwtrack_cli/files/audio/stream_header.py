@@ -130,20 +130,17 @@ def read_stream_header(take: Take, name: str) -> StreamHeader:
     """
     begin = take(12)
     if not begin:
-        msg = f"{name} is empty: no sound came."
-        raise DataError(msg)
+        raise DataError(f"{name} is empty: no sound came.")
     order = MAGIC.get(begin[:4])
     if order is None or begin[8:12] != b"WAVE":
-        msg = (
+        raise DataError(
             f"{name} is no WAV sound (it begins with {begin!r}); a pipe takes WAV and RF64 "
             f"(ffmpeg -i FILE -f wav - makes it of other sound), or samples without a "
             f"header with --raw FORMAT --rate-hz HZ."
         )
-        raise DataError(msg)
     found = _read_chunks(take, order, name)
     if found is None:
-        msg = f"{name} ends, or is damaged, before its first sample: there is no sound."
-        raise DataError(msg)
+        raise DataError(f"{name} ends, or is damaged, before its first sample: there is no sound.")
     return found
 
 
@@ -195,24 +192,20 @@ def _chunk(take: Take, kind: bytes, size: int) -> bytes | None:
 def _format(content: bytes, order: str, name: str) -> StreamHeader:
     """Return rate, channels and sample format of a format chunk."""
     if len(content) < 16:
-        msg = f"{name} has a damaged header: its format chunk is too short."
-        raise DataError(msg)
+        raise DataError(f"{name} has a damaged header: its format chunk is too short.")
     tag, n_channels, rate_hz, _, frame, bits = struct.unpack(order + "HHIIHH", content[:16])
     if tag == EXTENSIBLE and len(content) >= 26:
         tag = struct.unpack(order + "H", content[24:26])[0]
     if not n_channels:
-        msg = f"{name} claims to have no channel: it is damaged."
-        raise DataError(msg)
+        raise DataError(f"{name} claims to have no channel: it is damaged.")
     n_bytes = frame // n_channels
     allowed = {PCM: (1, 2, 3, 4), FLOAT: (4, 8)}.get(tag, ())
     if n_bytes not in allowed or 8 * n_bytes != (bits + 7) // 8 * 8:
-        msg = (
+        raise DataError(
             f"{name} holds WAV format {tag} with {bits} bits, which a pipe does not "
             f"take; make it PCM or float, as with ffmpeg -i FILE -c:a pcm_s24le -f wav -."
         )
-        raise DataError(msg)
     if not 1 <= rate_hz <= 10_000_000:
-        msg = f"{name} claims {rate_hz} Hz, which no recording has: it is damaged."
-        raise DataError(msg)
+        raise DataError(f"{name} claims {rate_hz} Hz, which no recording has: it is damaged.")
     kind = "f" if tag == FLOAT else "u" if n_bytes == 1 else "s"
     return StreamHeader(float(rate_hz), n_channels, SampleFormat(kind, n_bytes, order))

@@ -45,8 +45,7 @@ class AppendableGroup:
     ) -> None:
         kind = CONTAINERS.get(block.NAME)
         if kind is not type(block):
-            msg = f"{type(block).__name__} is not a table that files can hold."
-            raise DataError(msg)
+            raise DataError(f"{type(block).__name__} is not a table that files can hold.")
         self.kind = kind
         self.group = file.create_group(path)
         own = sensor_of(block)
@@ -73,8 +72,7 @@ class AppendableGroup:
         """Take the rows of a block; its single values count if it is the last."""
         if _absent(block) != self.absent:
             names = ", ".join(sorted(_absent(block) ^ self.absent))
-            msg = f"some blocks of {self.kind.NAME} have {names}, others have not."
-            raise DataError(msg)
+            raise DataError(f"some blocks of {self.kind.NAME} have {names}, others have not.")
         for name, spec in self._columns(appendable=True):
             values = getattr(block, name)
             is_known = name in self._pending or name in self.datasets
@@ -98,8 +96,9 @@ class AppendableGroup:
                 try:
                     rows = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
                 except ValueError as error:
-                    msg = f"blocks of {self.kind.NAME}.{name} differ in shape: {error}."
-                    raise DataError(msg) from error
+                    raise DataError(
+                        f"blocks of {self.kind.NAME}.{name} differ in shape: {error}."
+                    ) from error
                 self._write(name, spec, encode(rows), final=final)
         self._pending_bytes = 0
 
@@ -170,11 +169,10 @@ class AppendableGroup:
                 set_text(dataset, "dtype", "bool")  # as xarray marks booleans
         dataset = self.datasets[name]
         if dataset.shape[1:] != rows.shape[1:]:
-            msg = (
+            raise DataError(
                 f"a block of {self.kind.NAME}.{name} has rows of shape "
                 f"{rows.shape[1:]}, those before it {dataset.shape[1:]}."
             )
-            raise DataError(msg)
         if rows.shape[0]:
             start = dataset.shape[0]
             dataset.resize(start + rows.shape[0], axis=0)
@@ -195,8 +193,7 @@ class AppendableGroup:
                     stored = np.int8(value) if plain is bool else plain(value)
                     self.group.attrs[name] = stored
             except (ValueError, TypeError, OverflowError) as error:
-                msg = f"{self.kind.NAME}.{name} cannot be stored: {error}."
-                raise DataError(msg) from error
+                raise DataError(f"{self.kind.NAME}.{name} cannot be stored: {error}.") from error
 
     def _label(self, axis: str, size: int) -> None:
         scale = make_scale(self.group, scale_name(self.kind, axis), size)

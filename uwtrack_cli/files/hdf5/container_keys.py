@@ -54,13 +54,11 @@ def sole_key(
         steps = ", ".join(sorted({repr(key.step or kind.NAME) for key in found}))
         several = "sensors" if len({key.sensor for key in found}) > 1 else "steps"
         named = sensors if several == "sensors" else steps
-        msg = f"{owner} holds {kind.NAME} of several {several}: {named}."
-        raise DataError(msg)
+        raise DataError(f"{owner} holds {kind.NAME} of several {several}: {named}.")
     of = "" if sensor is None else f" of sensor {sensor!r}"
     of += f" of step {step!r}" if step else ""
     held = ", ".join(sorted({key.name for key in keys})) or "nothing"
-    msg = f"{owner} holds no {kind.NAME}{of}; it holds: {held}."
-    raise DataError(msg)
+    raise DataError(f"{owner} holds no {kind.NAME}{of}; it holds: {held}.")
 
 
 class ContainerHolder(ABC):

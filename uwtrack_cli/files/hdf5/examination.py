@@ -12,11 +12,10 @@ What the examination accepts is readable; it proves nothing about who wrote the 
 """
 
 import contextlib
-import io
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import h5py
 import numpy as np
@@ -56,12 +55,11 @@ def reading(name: str) -> Iterator[None]:
         raise
     except HDF5_ERRORS as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        msg = f"{name} is damaged: {reason}. Make it again from its source."
-        raise DataError(msg) from error
+        raise DataError(f"{name} is damaged: {reason}. Make it again from its source.") from error
 
 
 def open_examined(
-    source: Path | bytes, name: str, *, may_be_lost: bool = False
+    path: Path, name: str, *, may_be_lost: bool = False
 ) -> tuple[h5py.File, Checksum]:
     """Open a product for reading, and return its checksum, too.
 
@@ -72,16 +70,16 @@ def open_examined(
     DataError
         The file is missing, no HDF5, damaged, foreign, incomplete or too new.
     """
-    checksum = check_bytes(source, name)
+    checksum = check_bytes(path, name)
     if not may_be_lost and checksum.sha256 not in examined:
-        look_apart(f"{__name__}:structure_problem", source, name)
+        look_apart(f"{__name__}:structure_problem", path, name)
         examined.add(checksum.sha256)
     with reading(name):
-        file = h5py.File(as_input(_openable(source)), "r", locking=False)
+        file = h5py.File(as_input(path), "r", locking=False)
     return file, checksum
 
 
-def check_bytes(source: Path | bytes, name: str) -> Checksum:
+def check_bytes(path: Path, name: str) -> Checksum:
     """Return the checksum of a product, and refuse one that does not match it.
 
     Raises
@@ -90,15 +88,13 @@ def check_bytes(source: Path | bytes, name: str) -> Checksum:
         The file is missing, no HDF5, or damaged; what it is, is said.
     """
     try:
-        if isinstance(source, Path):
-            check_readable(source)
-            with as_input(source).open("rb") as file:
-                found, head = _checked(file)
-        else:
-            found, head = _checked(io.BytesIO(source))
+        check_readable(path)
+        with as_input(path).open("rb") as file:
+            found = checked(file)
+            file.seek(0)
+            head = file.read(len(SIGNATURE))
     except OSError as error:
-        msg = f"cannot read {name}: {error.strerror or error}."
-        raise DataError(msg) from error
+        raise DataError(f"cannot read {name}: {error.strerror or error}.") from error
     if found is not None:
         return found
     if head != SIGNATURE:
@@ -107,21 +103,17 @@ def check_bytes(source: Path | bytes, name: str) -> Checksum:
             msg += f" uwtrack run {shell_word(name)} makes one of a recording."
         raise DataError(msg)
     try:
-        facts = run_limited(
-            f"{__name__}:root_facts", *_by_path(source), seconds=PATIENCE_S, data=_by_data(source)
-        )
+        facts = run_limited(f"{__name__}:root_facts", str(path), seconds=PATIENCE_S)
     except DataError as error:
-        msg = (
+        raise DataError(
             f"{name} is damaged or was cut short: it cannot be opened. "
             f"Make it again from its source."
-        )
-        raise DataError(msg) from error
+        ) from error
     check_facts(facts, name)
-    msg = (
+    raise DataError(
         f"{name} was changed or cut short after it was written: its bytes do not "
         f"match their checksum. Make it again from its source."
     )
-    raise DataError(msg)
 
 
 def is_product(path: Path) -> bool:
@@ -143,7 +135,7 @@ def is_product(path: Path) -> bool:
     return bool(facts.get("format") == FORMAT)
 
 
-def look_apart(function: str, source: Path | bytes, name: str) -> Any:
+def look_apart(function: str, path: Path, name: str) -> Any:
     """Run a function, ``module:name``, on a product in a limited child process.
 
     Raises
@@ -151,12 +143,9 @@ def look_apart(function: str, source: Path | bytes, name: str) -> Any:
     DataError
         It raised one, or the child died.
     """
-    size = len(source) if isinstance(source, bytes) else source.stat().st_size
+    seconds = PATIENCE_S + path.stat().st_size / BYTES_PER_S
     try:
-        return run_limited(
-            function, *_by_path(source), name,
-            seconds=PATIENCE_S + size / BYTES_PER_S, data=_by_data(source),
-        )  # fmt: skip
+        return run_limited(function, str(path), name, seconds=seconds)
     except DataError as error:
         text = str(error)
         if not text.startswith(name):
@@ -174,21 +163,17 @@ def check_facts(facts: Mapping[str, Any], name: str) -> None:
     """
     version = facts.get("schema_version")
     if facts.get("format") != FORMAT or not isinstance(version, int):
-        msg = f"{name} is an HDF5 file of another program, not of uwtrack."
-        raise DataError(msg)
+        raise DataError(f"{name} is an HDF5 file of another program, not of uwtrack.")
     if version > SCHEMA_VERSION:
-        msg = (
+        raise DataError(
             f"{name} has schema version {version}, written by uwtrack "
             f"{facts.get('program_version')}; this program reads up to version "
             f"{SCHEMA_VERSION}: install a newer uwtrack, or make the file again."
         )
-        raise DataError(msg)
     if version < 1:
-        msg = f"{name} has schema version {version}; the first one is 1."
-        raise DataError(msg)
+        raise DataError(f"{name} has schema version {version}; the first one is 1.")
     if facts.get("complete") != 1:
-        msg = f"{name} is incomplete: the run that wrote it was stopped. Run it again."
-        raise DataError(msg)
+        raise DataError(f"{name} is incomplete: the run that wrote it was stopped. Run it again.")
 
 
 def attribute(item: Any, name: str) -> Any:
@@ -202,14 +187,12 @@ def attribute(item: Any, name: str) -> Any:
     try:
         handle = h5py.h5a.open(item.id, name.encode())
     except KeyError as error:
-        msg = f"{item.name} lacks the attribute {name!r}"
-        raise DataError(msg) from error
+        raise DataError(f"{item.name} lacks the attribute {name!r}") from error
     kind = handle.get_type()
     is_text = isinstance(kind, h5py.h5t.TypeStringID)
     is_number = isinstance(kind, h5py.h5t.TypeIntegerID | h5py.h5t.TypeFloatID)
     if handle.shape != () or not (is_text or is_number):
-        msg = f"attribute {name!r} of {item.name} is no single number or text"
-        raise DataError(msg)
+        raise DataError(f"attribute {name!r} of {item.name} is no single number or text")
     too_large = f"attribute {name!r} of {item.name} is too large"
     if handle.get_storage_size() > MAX_ATTRIBUTE_BYTES:
         raise DataError(too_large)
@@ -236,60 +219,39 @@ def check_stored(dataset: h5py.Dataset) -> None:
     plist = dataset.id.get_create_plist()
     layout = plist.get_layout()
     if layout == h5py.h5d.VIRTUAL or plist.get_external_count():
-        msg = f"{dataset.name} keeps its elements in other files"
-        raise DataError(msg)
+        raise DataError(f"{dataset.name} keeps its elements in other files")
     filters = {plist.get_filter(i)[0] for i in range(plist.get_nfilters())}
     if filters - {h5py.h5z.FILTER_FLETCHER32}:
-        msg = f"{dataset.name} uses a filter that result files do not have"
-        raise DataError(msg)
+        raise DataError(f"{dataset.name} uses a filter that result files do not have")
     dtype = dataset.id.dtype
     if dtype.kind not in "iufS":
-        msg = f"{dataset.name} has elements of a type that result files do not have"
-        raise DataError(msg)
+        raise DataError(f"{dataset.name} has elements of a type that result files do not have")
     chunks = plist.get_chunk() if layout == h5py.h5d.CHUNKED else ()
     claimed = math.prod(dataset.id.shape) * dtype.itemsize
     chunk = math.prod(chunks) * dtype.itemsize
     held = min(dataset.id.get_storage_size(), h5py.h5i.get_file_id(dataset.id).get_filesize())
     if max(claimed, chunk if claimed and chunks else 0) > held:
-        msg = f"{dataset.name} claims {max(claimed, chunk)} bytes, more than the file holds"
-        raise DataError(msg)
-
-
-def _checked(file: BinaryIO) -> tuple[Checksum | None, bytes]:
-    found = checked(file)
-    file.seek(0)
-    return found, file.read(len(SIGNATURE))
-
-
-def _by_path(source: Path | bytes) -> tuple[str]:
-    return ("" if isinstance(source, bytes) else str(source),)
-
-
-def _by_data(source: Path | bytes) -> bytes:
-    return source if isinstance(source, bytes) else b""
-
-
-def _openable(source: Path | bytes) -> Any:
-    return io.BytesIO(source) if isinstance(source, bytes) else source
+        raise DataError(
+            f"{dataset.name} claims {max(claimed, chunk)} bytes, more than the file holds"
+        )
 
 
 # What follows runs in a child process.
 
 
-def root_facts(path: str, data: bytes) -> dict[str, Any]:
+def root_facts(path: str) -> dict[str, Any]:
     """Return the root attributes that say what a file is, as far as it has them."""
     found: dict[str, Any] = {}
-    with h5py.File(as_input(_openable(Path(path) if path else data)), "r", locking=False) as file:
+    with h5py.File(as_input(Path(path)), "r", locking=False) as file:
         for key in FACTS:
             with contextlib.suppress(*HDF5_ERRORS):
                 found[key] = attribute(file, key)
     return found
 
 
-def structure_problem(path: str, name: str, data: bytes) -> None:
+def structure_problem(path: str, name: str) -> None:
     """Raise a DataError if a file has anything that products do not have."""
-    source = Path(path) if path else data
-    with reading(name), h5py.File(as_input(_openable(source)), "r", locking=False) as file:
+    with reading(name), h5py.File(as_input(Path(path)), "r", locking=False) as file:
         check_facts({key: attribute(file, key) for key in FACTS}, name)
         check_structure(file)
 
@@ -309,13 +271,11 @@ def check_structure(file: h5py.File) -> None:
         group, depth = todo.pop()
         _check_attributes(group)
         if len(seen) + len(group) > MAX_OBJECTS or depth > MAX_DEPTH:
-            msg = "it has more objects, or deeper groups, than result files have"
-            raise DataError(msg)
+            raise DataError("it has more objects, or deeper groups, than result files have")
         for name in group:
             item = _object(group, name)
             if _address(item) in seen:
-                msg = f"{item.name} is linked twice"
-                raise DataError(msg)
+                raise DataError(f"{item.name} is linked twice")
             seen.add(_address(item))
             if isinstance(item, h5py.Group):
                 todo.append((item, depth + 1))
@@ -326,8 +286,7 @@ def check_structure(file: h5py.File) -> None:
 
 def _check_attributes(group: h5py.Group) -> None:
     if h5py.h5a.get_num_attrs(group.id) > MAX_ATTRIBUTES:
-        msg = f"{group.name} has more attributes than result files have"
-        raise DataError(msg)
+        raise DataError(f"{group.name} has more attributes than result files have")
     for name in group.attrs:
         with contextlib.suppress(DataError):  # read only where a container has it
             attribute(group, name)
@@ -345,23 +304,22 @@ def _check_chunks(dataset: h5py.Dataset) -> None:
     def check(chunk: Any) -> None:
         is_within = 0 < chunk.byte_offset <= end - chunk.size
         if chunk.filter_mask or chunk.size != whole or not is_within:
-            msg = f"a chunk of {dataset.name} is not where or what it should be"
-            raise DataError(msg)
+            raise DataError(f"a chunk of {dataset.name} is not where or what it should be")
 
     dataset.id.chunk_iter(check)
 
 
 def _object(group: h5py.Group, name: str) -> Any:
     if group.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
-        msg = f"{group.name}/{name} is a link to elsewhere, which result files do not have"
-        raise DataError(msg)
+        raise DataError(
+            f"{group.name}/{name} is a link to elsewhere, which result files do not have"
+        )
     item = h5py.h5o.open(group.id, name.encode())
     if isinstance(item, h5py.h5g.GroupID):
         return h5py.Group(item)
     if isinstance(item, h5py.h5d.DatasetID):
         return h5py.Dataset(item)
-    msg = f"{group.name}/{name} is neither a group nor a dataset"
-    raise DataError(msg)
+    raise DataError(f"{group.name}/{name} is neither a group nor a dataset")
 
 
 def _address(item: Any) -> int:

@@ -102,8 +102,9 @@ class HistoryStep:
                 ),
             )
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as e:
-            msg = f"a step of the history is not readable ({type(e).__name__}: {e})."
-            raise DataError(msg) from e
+            raise DataError(
+                f"a step of the history is not readable ({type(e).__name__}: {e})."
+            ) from e
         return step
 
     def problems(self) -> list[str]:
@@ -140,8 +141,7 @@ def _plain(value: Any) -> Any:
 
 def _text(value: Any) -> str:
     if not isinstance(value, str):
-        msg = f"text expected, got {type(value).__name__}"
-        raise TypeError(msg)
+        raise TypeError(f"text expected, got {type(value).__name__}")
     return value
 
 

@@ -118,8 +118,9 @@ def container_class(name: str) -> type[Container]:
     name = TABLES.get(name, name)
     if name not in CONTAINERS:
         names = ", ".join(CONTAINERS)
-        msg = f"there is no table {name!r}.{nearest(name, CONTAINERS)} There are: {names}."
-        raise DataError(msg)
+        raise DataError(
+            f"there is no table {name!r}.{nearest(name, CONTAINERS)} There are: {names}."
+        )
     return CONTAINERS[name]
 
 
@@ -152,16 +153,14 @@ def _container_in(hint: object) -> type[Container]:
     for choice in (hint, *get_args(hint)):
         if isinstance(choice, type) and issubclass(choice, Container):
             return choice
-    msg = f"{hint!r} is neither a column, a scalar nor a container."
-    raise TypeError(msg)
+    raise TypeError(f"{hint!r} is neither a column, a scalar nor a container.")
 
 
 def _plain(hint: object) -> type:
     for choice in (hint, *get_args(hint)):
         if choice in {str, bool, int, float} and isinstance(choice, type):
             return choice
-    msg = f"a scalar of type {hint!r} cannot be stored."
-    raise TypeError(msg)
+    raise TypeError(f"a scalar of type {hint!r} cannot be stored.")
 
 
 def sensor_of(container: Container) -> str | None:
@@ -239,8 +238,7 @@ def encode(array: NDArray[Any]) -> NDArray[Any]:
     try:
         encoded = np.char.encode(array, "utf-8") if array.size else array
     except UnicodeEncodeError as error:
-        msg = f"a text cannot be stored as UTF-8: {error}."
-        raise DataError(msg) from error
+        raise DataError(f"a text cannot be stored as UTF-8: {error}.") from error
     width = max(LEAST_TEXT_BYTES, encoded.dtype.itemsize if array.size else 0)
     return encoded.astype(h5py.string_dtype("utf-8", width))
 
@@ -260,8 +258,7 @@ def decode(array: NDArray[Any], spec: Column) -> NDArray[Any]:
     try:
         return np.char.decode(array, "utf-8") if array.size else array.astype("U1")
     except UnicodeDecodeError as error:
-        msg = f"a text is not UTF-8: {error}."
-        raise DataError(msg) from error
+        raise DataError(f"a text is not UTF-8: {error}.") from error
 
 
 def chunk_shape(shape: tuple[int, ...], itemsize: int, final: bool) -> tuple[int, ...]:

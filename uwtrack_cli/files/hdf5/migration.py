@@ -112,19 +112,16 @@ def _ambiguities(texts: TextArray) -> Columns:
             "ambiguity_weight": np.array([float(item["weight"]) for item in items]),
         }
     except (TypeError, KeyError, ValueError) as error:
-        msg = f"the ambiguities of an encounter are not readable ({error!r})"
-        raise DataError(msg) from error
+        raise DataError(f"the ambiguities of an encounter are not readable ({error!r})") from error
 
 
 def _parsed(text: str, kind: type) -> Any:
     try:
         value = json.loads(text) if text else kind()
     except (ValueError, RecursionError) as error:
-        msg = f"a JSON text of an older version is not readable ({error})"
-        raise DataError(msg) from error
+        raise DataError(f"a JSON text of an older version is not readable ({error})") from error
     if not isinstance(value, kind):
-        msg = f"a JSON text of an older version holds no {kind.__name__}"
-        raise DataError(msg)
+        raise DataError(f"a JSON text of an older version holds no {kind.__name__}")
     return value
 
 

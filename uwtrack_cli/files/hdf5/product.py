@@ -33,7 +33,7 @@ from uwtrack_cli.files.hdf5.examination import (
 from uwtrack_cli.files.hdf5.history import HistoryStep, Source
 from uwtrack_cli.files.hdf5.layout import CONTAINERS
 from uwtrack_cli.files.hdf5.reader import Product, read_in_child, read_product, read_product_bytes
-from uwtrack_cli.files.hdf5.writer import ProductWriter, product_to_bytes, write_product
+from uwtrack_cli.files.hdf5.writer import ProductWriter, write_product
 from uwtrack_cli.files.input_ledger import as_input
 from uwtrack_cli.files.limited_process import run_limited
 from uwtrack_cli.files.text_escaping import file_name
@@ -45,7 +45,6 @@ __all__ = [
     "ProductWriter",
     "Source",
     "is_product",
-    "product_to_bytes",
     "read_many",
     "read_product",
     "read_product_bytes",
@@ -87,12 +86,9 @@ def verify_product(path: Path | str) -> list[str]:
     return problems
 
 
-def content_problems(path: str, name: str, data: bytes) -> list[str]:
-    """Read everything that a product holds; return what cannot be read.
-
-    ``data``: nothing: the file is read by its path.
-    """
-    structure_problem(path, name, data)
+def content_problems(path: str, name: str) -> list[str]:
+    """Read everything that a product holds; return what cannot be read."""
+    structure_problem(path, name)
     problems: list[str] = []
     with read_in_child(Path(path)) as product:
         product.file.visititems(lambda _, item: _read(item, problems))
@@ -135,14 +131,11 @@ def _in_one_child(function: str, paths: Sequence[Path]) -> list[Any]:
     return [value if is_read else DataError(value) for is_read, value in found]
 
 
-def values_in_child(function: str, *arguments: Any) -> list[tuple[bool, Any]]:
-    """Return what a function gives of products, each with whether it could be read.
-
-    ``arguments``: the paths of the products, and nothing.
-    """
+def values_in_child(function: str, *paths: str) -> list[tuple[bool, Any]]:
+    """Return what a function gives of products, each with whether it could be read."""
     module, _, name = function.partition(":")
     found: list[tuple[bool, Any]] = []
-    for path in arguments[:-1]:
+    for path in paths:
         try:
             with read_in_child(Path(path)) as product:
                 value = getattr(import_module(module), name)(product)

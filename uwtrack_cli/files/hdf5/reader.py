@@ -5,11 +5,14 @@ with a column ``frame`` are stored in its order. `Container.join` of the blocks 
 what `Product.read` gives, bit for bit.
 """
 
+import contextlib
+import tempfile
+import weakref
 from bisect import bisect_left
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any, NamedTuple, Self, TypeVar, cast, overload
 
 import h5py
@@ -103,12 +106,7 @@ class Product(ContainerHolder):
         """Return the product itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the file."""
         self.close()
 
@@ -187,8 +185,7 @@ class Product(ContainerHolder):
             The container does not follow frames, or its rows are not in their order.
         """
         if block_rows < 1:
-            msg = f"a block must have at least 1 frame, got {block_rows}."
-            raise OptionError(msg)
+            raise OptionError(f"a block must have at least 1 frame, got {block_rows}.")
         return self._stream(kind, self._path(kind, sensor, step), block_rows)
 
     def _stream(self, kind: type[C], path: str, block_rows: int) -> Iterator[C]:
@@ -237,13 +234,18 @@ def read_product_bytes(data: bytes) -> Product:
         The bytes are no product, or a damaged, incomplete or too new one.
     """
     if not data:
-        msg = "standard input is empty."
-        raise DataError(msg)
-    return _opened(data, "standard input")
+        raise DataError("standard input is empty.")
+    with contextlib.ExitStack() as stack:
+        folder = tempfile.TemporaryDirectory(prefix="uwtrack-")
+        path = Path(stack.enter_context(folder)) / "standard-input.h5"
+        path.write_bytes(data)
+        product = _opened(path, "standard input")
+        weakref.finalize(product, stack.pop_all().close)
+    return product
 
 
-def _opened(source: Path | bytes, name: str, *, may_be_lost: bool = False) -> Product:
-    file, checksum = open_examined(source, name, may_be_lost=may_be_lost)
+def _opened(path: Path, name: str, *, may_be_lost: bool = False) -> Product:
+    file, checksum = open_examined(path, name, may_be_lost=may_be_lost)
     try:
         return Product(file, name, checksum)
     except BaseException:
@@ -288,8 +290,7 @@ def _held(group: str) -> str:
 def _history(file: h5py.File) -> list[str]:
     steps = file["history"]
     if not isinstance(steps, h5py.Dataset) or steps.ndim != 1 or steps.dtype.kind != "S":
-        msg = "/history is no list of texts"
-        raise DataError(msg)
+        raise DataError("/history is no list of texts")
     check_stored(steps)
     return [step.decode() for step in steps[:]]
 
@@ -363,11 +364,9 @@ def _group(file: h5py.File, path: str, kind: type[Container]) -> _Stored:
     except KeyError:
         group = None
     if not isinstance(group, h5py.Group):
-        msg = f"there is no group {path}"
-        raise DataError(msg)
+        raise DataError(f"there is no group {path}")
     if _held(str(attribute(group, "container"))) != kind.NAME:
-        msg = f"{path} holds no {kind.NAME}"
-        raise DataError(msg)
+        raise DataError(f"{path} holds no {kind.NAME}")
     return _Stored(group, kind.NAME, int(attribute(file, "schema_version")))
 
 
@@ -388,17 +387,14 @@ def _dataset(own: _Stored, name: str, spec: Column) -> h5py.Dataset:
     try:
         dataset = group[stored]
     except KeyError as error:
-        msg = f"{group.name} lacks the column {stored!r}"
-        raise DataError(msg) from error
+        raise DataError(f"{group.name} lacks the column {stored!r}") from error
     if not isinstance(dataset, h5py.Dataset) or dataset.ndim != len(spec.axes):
-        msg = f"{group.name}/{stored} is no array with the axes {spec.axes}"
-        raise DataError(msg)
+        raise DataError(f"{group.name}/{stored} is no array with the axes {spec.axes}")
     check_stored(dataset)
     dtype = migrate(version, container, name, np.zeros(0, dataset.dtype)).dtype
     kind = {"b": "i1", "U": "S"}.get(spec.dtype.kind, spec.dtype.str[1:])
     if not (dtype.kind == "S" if kind == "S" else dtype.str[1:] == kind):
-        msg = f"{dataset.name} holds {dtype}, expected {spec.dtype}"
-        raise DataError(msg)
+        raise DataError(f"{dataset.name} holds {dtype}, expected {spec.dtype}")
     return dataset
 
 
@@ -408,8 +404,7 @@ def _column(own: _Stored, name: str, spec: Column, rows: slice) -> Any:
     n_rows = len(range(*rows.indices(dataset.shape[0])))
     row_bytes = int(np.prod(dataset.shape[1:], dtype=float)) * dataset.dtype.itemsize
     if n_rows * row_bytes > MAX_READ_BYTES:
-        msg = f"{dataset.name} is too large to be read at once"
-        raise DataError(msg)
+        raise DataError(f"{dataset.name} is too large to be read at once")
     return decode(migrate(own.version, own.container, name, dataset[rows]), spec)
 
 
@@ -442,8 +437,7 @@ def _scalar(group: h5py.Group, name: str, plain: type) -> Any:
     value = attribute(group, name)
     numeric = isinstance(value, int | float) and plain is not str
     if not (isinstance(value, plain) or numeric):
-        msg = f"attribute {name!r} of {group.name} is {value!r}, expected {plain}"
-        raise DataError(msg)
+        raise DataError(f"attribute {name!r} of {group.name} is {value!r}, expected {plain}")
     return cast("Any", plain(value))
 
 
@@ -451,8 +445,7 @@ def _stream(file: h5py.File, path: str, kind: type[C], block_rows: int) -> Itera
     """Yield a container in blocks of frames."""
     paths = _part_paths(file, path, kind)
     if kind.NAME not in INDEXED_AXES or "frames" not in paths:
-        msg = f"{kind.NAME} cannot be read in blocks of frames"
-        raise DataError(msg)
+        raise DataError(f"{kind.NAME} cannot be read in blocks of frames")
     frames = _group(file, paths["frames"], Frames)
     n_frames = _dataset(frames, "time_s", Frames.columns()["time_s"]).shape[0]
     first = int(attribute(frames.group, "first_frame"))
@@ -489,8 +482,7 @@ def _part_paths(file: h5py.File, path: str, kind: type[Container]) -> dict[str, 
 def _check_order(frame: object, first: int, stop: int, name: str) -> None:
     rows = np.asarray(frame)
     if rows.size and (rows[0] < first or rows[-1] >= stop or np.any(np.diff(rows) < 0)):
-        msg = f"{name} is not in the order of the frames"
-        raise DataError(msg)
+        raise DataError(f"{name} is not in the order of the frames")
 
 
 def _numbered(block: C, first_frame: int) -> C:

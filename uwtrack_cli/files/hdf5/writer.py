@@ -79,8 +79,7 @@ class ProductStore:
         """Add the rows of a block to its container."""
         path = group_path(sensor_of(block), block.NAME, step)
         if path in self._whole:
-            msg = f"{path} is written already and takes no further blocks."
-            raise DataError(msg)
+            raise DataError(f"{path} is written already and takes no further blocks.")
         if path not in self._tops:
             self._tops[path] = AppendableGroup(self.file, path, block)
             if step:
@@ -93,11 +92,10 @@ class ProductStore:
         path = group_path(sensor, container.NAME, step)
         if path in self._tops:
             where = "" if sensor is None else f" of sensor {sensor!r}"
-            msg = (
+            raise DataError(
                 f"a file holds one container {container.NAME!r}{where}, got two; "
                 f"give the sensors different ids, or write two files."
             )
-            raise DataError(msg)
         self.append(container, step)
         self._whole.add(path)
 
@@ -118,8 +116,7 @@ class ProductStore:
             and path in {group_path(s, kind.NAME, step) for s in (None, top.sensor)}
         ]
         if len(found) != 1:
-            msg = f"{len(found)} containers {kind.NAME} were written, one is needed."
-            raise DataError(msg)
+            raise DataError(f"{len(found)} containers {kind.NAME} were written, one is needed.")
         top = self._tops[found[0]]
         top.finish()
         for group in _all_groups([top]):
@@ -217,8 +214,7 @@ class ProductWriter:
     def store(self) -> ProductStore:
         """The open file."""
         if self._store is None:
-            msg = "a ProductWriter is used in a with-statement."
-            raise TypeError(msg)
+            raise TypeError("a ProductWriter is used in a with-statement.")
         return self._store
 
     def append(self, block: Container, step: str = "") -> None:
@@ -275,8 +271,7 @@ class ProductWriter:
         failure = self._file.failure or noticed
         if failure is not None:
             reason = getattr(failure, "strerror", None) or failure
-            msg = f"cannot write {self.path}: {reason}."
-            raise OutputError(msg) from failure
+            raise OutputError(f"cannot write {self.path}: {reason}.") from failure
 
 
 class FailSafeFile(io.FileIO):
@@ -351,19 +346,6 @@ def write_product(
     ) as writer:
         for container in containers:
             writer.write(container)
-
-
-def product_to_bytes(
-    containers: Sequence[Container], *, history: Sequence[HistoryStep] = ()
-) -> bytes:
-    """Return a product as bytes, for a pipe: HDF5 cannot be written to one."""
-    memory = io.BytesIO()
-    store = ProductStore(memory)
-    for container in containers:
-        store.write(container)
-    store.finish(history)
-    examined.add(append_checksum(memory))
-    return memory.getvalue()
 
 
 def _all_groups(groups: Iterable[AppendableGroup]) -> list[AppendableGroup]:

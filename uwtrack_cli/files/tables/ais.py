@@ -30,7 +30,7 @@ import numpy as np
 from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
 from uwtrack_cli.data.base import Cells, FloatArray, IntArray, TextArray
 from uwtrack_cli.data.truth import Truth, VesselTrack
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, needing
 from uwtrack_cli.files.checks import check_readable
 from uwtrack_cli.files.input_ledger import as_input
 from uwtrack_cli.files.tables.csv_table import Table, read_table, table_times
@@ -113,12 +113,11 @@ def read_sentences(path: Path) -> AisMessages:
         speed = np.nan if is_long_range and report.speed >= 63 else report.speed
         rows.append((report.mmsi, sent_ns, report.lat, report.lon, speed, report.course))
     if not rows:
-        msg = (
+        raise DataError(
             f"{path} holds {n_timeless} position reports and the time of none of them; a "
             f"sentence carries the second of its minute alone. Keep a log with tag "
             f"blocks (c:) or with a time before each sentence."
         )
-        raise DataError(msg)
     mmsi, time_ns, *columns = zip(*rows, strict=True)
     start_ns = min(time_ns)
     latitude, longitude, speed_kn, course_deg = map(np.array, columns)
@@ -136,15 +135,11 @@ def read_sentences(path: Path) -> AisMessages:
 
 def _reports(path: Path) -> Iterator[tuple[Any, int | None]]:
     """Yield the decoded messages of a log, and when they were received, ns."""
-    try:
+    with needing("AIS sentences need pyais", "ais"):
         from pyais.exceptions import AISBaseException
         from pyais.stream import IterMessages
-    except ImportError as error:
-        msg = f"AIS sentences need pyais ({error}); pip install 'uwtrack[ais]'."
-        raise DataError(msg) from error
     if path.stat().st_size > MAX_BYTES:
-        msg = f"{path} is larger than {MAX_BYTES >> 20} MB; split it."
-        raise DataError(msg)
+        raise DataError(f"{path} is larger than {MAX_BYTES >> 20} MB; split it.")
     log = _Log(path)
     for sentence in IterMessages(iter(log)):
         if not sentence.is_valid:
@@ -271,8 +266,7 @@ def _read_csv(path: Path) -> AisMessages:
     table = read_table(path, heading=DAY_FIRST, may_be_damaged=True)
     cells = {ALIASES.get(name, name): column for name, column in table.cells.items()}
     if len(cells) < len(table.cells):
-        msg = f"{path} names a quantity in two columns: {', '.join(table.cells)}."
-        raise DataError(msg)
+        raise DataError(f"{path} names a quantity in two columns: {', '.join(table.cells)}.")
     table = Table(path, cells, table.lines, table.damaged)
     table.need(*(name for name, own in COLUMNS.items() if own.needed))
     cells.pop("time_s", None)

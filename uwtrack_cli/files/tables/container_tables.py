@@ -61,15 +61,13 @@ def write_table(
         There is no such format or axis.
     """
     if form not in FORMATS:
-        msg = f"unknown format {form!r}; accepted are {', '.join(FORMATS)}."
-        raise OptionError(msg)
+        raise OptionError(f"unknown format {form!r}; accepted are {', '.join(FORMATS)}.")
     axis = None if axis is None else KEYS.get(axis, axis)
     if axis is not None and axis not in axes_of(container):
-        msg = (
+        raise OptionError(
             f"{container.NAME} has no axis {axis!r}; "
             f"it has {', '.join(axes_of(container)) or 'none'}."
         )
-        raise OptionError(msg)
     if form == "json" and axis is None and container.NAME not in OBJECTS:
         return _json_object(container)
     rows = _rows(container, axis)

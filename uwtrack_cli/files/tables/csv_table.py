@@ -14,7 +14,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
-from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import Cells, Column, Container, FloatArray, IntArray
 from uwtrack_cli.data.options import shown
-from uwtrack_cli.errors import DataError, UwtrackNote, UwtrackWarning
+from uwtrack_cli.errors import DataError, note, warn
 from uwtrack_cli.files.checks import check_readable
 from uwtrack_cli.files.input_ledger import as_input
 from uwtrack_cli.files.utc import parse_utc
@@ -73,8 +72,7 @@ class Table:
 
     def fail(self, row: int, reason: str) -> NoReturn:
         """Refuse a row, by its line in the file."""
-        msg = f"{self.where(row)}: {reason}"
-        raise DataError(msg)
+        raise DataError(f"{self.where(row)}: {reason}")
 
     def refuse(self, row: int, reason: str) -> None:
         """Refuse a row, or note it where single rows may be damaged."""
@@ -97,17 +95,15 @@ class Table:
             first = f"line {line}: {damaged[line].rstrip('.')}"
             count = len(kept) + len(damaged)
             if len(kept) < len(damaged):
-                msg = (
+                raise DataError(
                     f"{self.path}, {first}; so are {len(damaged)} of {count} rows: the "
                     f"table is not what it seems."
                 )
-                raise DataError(msg)
             are = "row is" if len(damaged) == 1 else "rows are"
-            msg = (
+            note(
                 f"{self.path}: {len(damaged)} damaged {are} left out of {count}; the "
                 f"first is {first}."
             )
-            warn(msg, UwtrackNote, stacklevel=3)
         return np.array(kept, dtype=np.int64)
 
     def rows(self, kept: IntArray) -> "Table":
@@ -120,11 +116,10 @@ class Table:
         missing = [name for name in names if name not in self.cells]
         if missing:
             columns = "column" if len(missing) == 1 else "columns"
-            msg = (
+            raise DataError(
                 f"{self.path} lacks the {columns} {', '.join(missing)}; "
                 f"it has: {_some(self.cells)}."
             )
-            raise DataError(msg)
 
     def numbers(
         self, name: str, low: float = -np.inf, high: float = np.inf, *, may_miss: bool = False
@@ -191,11 +186,11 @@ class Table:
         for name in unused:
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.8)
             if near:
-                msg = f"{self.path}: unknown column {shown(name)}; did you mean {near[0]!r}?"
-                raise DataError(msg)
+                raise DataError(
+                    f"{self.path}: unknown column {shown(name)}; did you mean {near[0]!r}?"
+                )
         if unused:
-            msg = f"{self.path}: columns not used: {_some(unused)}."
-            warn(msg, UwtrackWarning, stacklevel=3)
+            warn(f"{self.path}: columns not used: {_some(unused)}.")
 
 
 def read_table(path: Path, heading: str = "", *, may_be_damaged: bool = False) -> Table:
@@ -213,8 +208,7 @@ def read_table(path: Path, heading: str = "", *, may_be_damaged: bool = False) -
     """
     check_readable(path)
     if path.stat().st_size > MAX_BYTES:
-        msg = f"{path} is larger than {MAX_BYTES >> 20} MB; split it."
-        raise DataError(msg)
+        raise DataError(f"{path} is larger than {MAX_BYTES >> 20} MB; split it.")
     try:
         with as_input(path).open(encoding="utf-8-sig", newline="") as file:
             rows = _rows(path, file, heading, is_strict=not may_be_damaged)
@@ -222,8 +216,7 @@ def read_table(path: Path, heading: str = "", *, may_be_damaged: bool = False) -
     except (UnicodeDecodeError, csv.Error) as error:
         is_text = not isinstance(error, UnicodeDecodeError)
         why = f"{error}" if is_text else "it is no text in UTF-8"
-        msg = f"{path} is no CSV table ({why})."
-        raise DataError(msg) from error
+        raise DataError(f"{path} is no CSV table ({why}).") from error
 
 
 def read_declared(path: Path, kind: type[Container], *others: str) -> Table:
@@ -285,8 +278,7 @@ def _table(path: Path, rows: Iterator[tuple[int, list[str]]], *, is_strict: bool
     """Gather rows by column; a cell that occurs often is kept once."""
     _, header = next(rows, (0, None))
     if header is None:
-        msg = f"{path} holds no table: there is no line with column names."
-        raise DataError(msg)
+        raise DataError(f"{path} holds no table: there is no line with column names.")
     columns: dict[str, list[str]] = {name: [] for name in _names(path, header)}
     lists, lines, known = list(columns.values()), list[int](), dict[str, str]()
     damaged = dict[int, str]()
@@ -296,8 +288,7 @@ def _table(path: Path, rows: Iterator[tuple[int, list[str]]], *, is_strict: bool
             _fail_first(path, damaged if is_strict else {})
             continue
         if (len(lines) + 1) * len(lists) > MAX_CELLS:
-            msg = f"{path} has more than {MAX_CELLS} cells; split it."
-            raise DataError(msg)
+            raise DataError(f"{path} has more than {MAX_CELLS} cells; split it.")
         lines.append(line)
         if len(known) > MAX_KNOWN:
             known.clear()
@@ -305,8 +296,7 @@ def _table(path: Path, rows: Iterator[tuple[int, list[str]]], *, is_strict: bool
             column.append(known.setdefault(cell, cell))
     if not lines:
         _fail_first(path, damaged)
-        msg = f"{path} has column names, but no rows."
-        raise DataError(msg)
+        raise DataError(f"{path} has column names, but no rows.")
     return Table(path, columns, lines, None if is_strict else damaged)
 
 
@@ -323,8 +313,7 @@ def _uneven(cells: list[str], names: list[str]) -> str:
 def _fail_first(path: Path, damaged: Mapping[int, str]) -> None:
     """Refuse a table by the first of its damaged lines, if there is one."""
     for line, reason in damaged.items():
-        msg = f"{path}, line {line}: {reason}"
-        raise DataError(msg)
+        raise DataError(f"{path}, line {line}: {reason}")
 
 
 def _rows(
@@ -346,8 +335,7 @@ def _rows(
     delimiter = max(",;\t", key=first[1].count)
     for line, text in itertools.chain([first], numbered):
         if text.count(delimiter) >= MAX_COLUMNS:
-            msg = f"{path}, line {line}: more than {MAX_COLUMNS} columns are not read."
-            raise DataError(msg)
+            raise DataError(f"{path}, line {line}: more than {MAX_COLUMNS} columns are not read.")
         cells = text.split(delimiter)
         if '"' in text:
             try:
@@ -364,8 +352,9 @@ def _names(path: Path, header: list[str]) -> list[str]:
     names = [ALIASES.get(name, name) for name in plain]
     for name, times in Counter(names).items():
         if not name or times > 1:
-            msg = f"{path}: column {shown(name)} is empty or named twice: {_some(header)}."
-            raise DataError(msg)
+            raise DataError(
+                f"{path}: column {shown(name)} is empty or named twice: {_some(header)}."
+            )
     return names
 
 

@@ -16,7 +16,7 @@ from uwtrack_cli.data.base import Column, Container
 from uwtrack_cli.data.decidecades import Decidecades
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.spectra import Overview
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import needing
 from uwtrack_cli.files.tables.json_rows import OBJECTS, facts, json_rows, object_keys
 
 if TYPE_CHECKING:
@@ -53,10 +53,8 @@ def to_pandas(container: Container, start_utc_ns: int | None = None) -> "pd.Data
     DataError
         pandas is not installed.
     """
-    try:
+    with needing("this needs pandas", "export"):
         import pandas as pd
-    except ImportError as error:
-        raise DataError(_missing("pandas", error)) from error
     if container.NAME in OBJECTS:
         names = object_keys(type(container))
         frame = pd.DataFrame(json_rows(container), columns=names)
@@ -99,10 +97,8 @@ def to_xarray(container: Container, start_utc_ns: int | None = None) -> "xr.Data
     DataError
         xarray is not installed.
     """
-    try:
+    with needing("this needs xarray", "export"):
         import xarray as xr
-    except ImportError as error:
-        raise DataError(_missing("xarray", error)) from error
     columns = _columns(container)
     start_ns = _start_ns(container, start_utc_ns)
     dimensions = _dimensions(container, columns)
@@ -125,10 +121,6 @@ def to_xarray(container: Container, start_utc_ns: int | None = None) -> "xr.Data
             variables[name] = (axes, values, told)
     known = {k: v for k, v in facts(container).items() if v is not None}
     return xr.Dataset(variables, coordinates, known)
-
-
-def _missing(library: str, error: ImportError) -> str:
-    return f"this needs {library} ({error}); pip install 'uwtrack[export]'."
 
 
 def _frames(container: Container) -> Frames | None:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import Origin, to_grid
+from uwtrack_cli.acoustics.geodesy import Origin, places_on_grid
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.sensor import Navigation
@@ -48,11 +48,10 @@ def read_navigation(path: Path | str) -> Navigation:
     elif "speed_mps" in table or "speed_kn" in table:
         values |= _integrated(table, values["time_s"])
     else:
-        msg = (
+        raise DataError(
             f"{path} has no positions: east_m and north_m, or latitude and longitude, "
             f"or speed_mps (speed_kn) and course_deg; it has {', '.join(table.cells)}."
         )
-        raise DataError(msg)
     return Navigation(**values | {"heading_deg": values["heading_deg"] % 360.0})
 
 
@@ -61,16 +60,14 @@ def _geographic(table: Table) -> dict[str, Any]:
     latitude = table.numbers("latitude", -90.0, 90.0)
     longitude = table.numbers("longitude", -180.0, 360.0)
     first = Origin(float(latitude[0]), float(longitude[0]))
-    places = zip(latitude.tolist(), longitude.tolist(), strict=True)
-    grid = np.array([to_grid(*place, first) for place in places])
+    east, north = places_on_grid(latitude, longitude, first)
     origin = {"origin_latitude": first.latitude, "origin_longitude": first.longitude}
-    return {"east_m": grid[:, 0], "north_m": grid[:, 1], **origin}
+    return {"east_m": east, "north_m": north, **origin}
 
 
 def _integrated(table: Table, time_s: FloatArray) -> dict[str, Any]:
     if "speed_mps" in table and "speed_kn" in table:
-        msg = f"{table.path} gives the speed twice: speed_mps and speed_kn."
-        raise DataError(msg)
+        raise DataError(f"{table.path} gives the speed twice: speed_mps and speed_kn.")
     table.need("course_deg")
     unit = KNOT_MPS if "speed_kn" in table else 1.0
     name = "speed_kn" if "speed_kn" in table else "speed_mps"

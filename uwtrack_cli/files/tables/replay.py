@@ -26,11 +26,10 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import NoReturn
-from warnings import warn
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import Origin, to_grid, to_latitude_longitude
+from uwtrack_cli.acoustics.geodesy import Origin, places_on_grid, to_latitude_longitude
 from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Fixes
@@ -38,7 +37,7 @@ from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.options import shown
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.errors import DataError, UwtrackNote
+from uwtrack_cli.errors import DataError, note
 from uwtrack_cli.files.checks import check_readable
 from uwtrack_cli.files.input_ledger import as_input
 
@@ -120,8 +119,7 @@ class _Line:
         self._next = 0
 
     def fail(self, reason: str) -> NoReturn:
-        msg = f"{self.where}: {reason}"
-        raise DataError(msg)
+        raise DataError(f"{self.where}: {reason}")
 
     def word(self, what: str) -> str:
         if self._next >= len(self._words):
@@ -200,11 +198,10 @@ def read_replay(paths: Sequence[Path]) -> Series:
     tracks, cuts = _read(paths)
     if not cuts:
         names = ", ".join(map(str, paths))
-        msg = (
+        raise DataError(
             f"{names} has tracks and no bearings or frequencies (;SENSOR: lines); give "
             f"the file that has them, too."
         )
-        raise DataError(msg)
     cuts = _unrepeated(cuts)
     start_ns = min(cut.time_ns for cut in cuts)
 
@@ -229,7 +226,7 @@ def read_replay(paths: Sequence[Path]) -> Series:
     )
     placed = _placed(series, cuts, tracks)
     if any(np.isfinite(cut.values["range"]) for cut in cuts):
-        warn("the ranges of the cuts are not used.", UwtrackNote, stacklevel=2)
+        note("the ranges of the cuts are not used.")
     return placed
 
 
@@ -253,14 +250,13 @@ def read_replay_track(path: Path, name: str | None = None, flag: str | None = No
             f"tell which track is meant: give {flag}" if name is None
             else f"have a track {shown(name)}"
         )  # fmt: skip
-        msg = f"{path} must {wanted}, it has {names}."
-        raise DataError(msg)
+        raise DataError(f"{path} must {wanted}, it has {names}.")
     (track,) = tracks.values()
     order = np.unique(np.array(track.time_ns), return_index=True)[1]
     time_ns = np.array(track.time_ns)[order]
     latitude, longitude = np.array(track.latitude), np.array(track.longitude)
     origin = Origin(float(latitude[order[0]]), float(longitude[order[0]]))
-    east, north = _on_grid(latitude[order], longitude[order], origin)
+    east, north = places_on_grid(latitude[order], longitude[order], origin)
     return Navigation(
         time_s=(time_ns - time_ns[0]) / NANOSECONDS,
         east_m=east,
@@ -291,16 +287,14 @@ def _texts(path: Path) -> Iterator[tuple[int, str]]:
     """Yield the lines of a file that are not empty, with their numbers."""
     check_readable(path)
     if path.stat().st_size > MAX_BYTES:
-        msg = f"{path} is larger than {MAX_BYTES >> 20} MB; split it."
-        raise DataError(msg)
+        raise DataError(f"{path} is larger than {MAX_BYTES >> 20} MB; split it.")
     try:
         with as_input(path).open(encoding="utf-8-sig", errors="strict") as file:
             for number, text in enumerate(file, 1):
                 if text.strip():
                     yield number, text
     except UnicodeDecodeError as error:
-        msg = f"{path} is no REP or DSF file ({error})."
-        raise DataError(msg) from error
+        raise DataError(f"{path} is no REP or DSF file ({error}).") from error
 
 
 def _cut(line: _Line, tag: str) -> _Cut:
@@ -339,8 +333,7 @@ def _unrepeated(cuts: list[_Cut]) -> list[_Cut]:
             first = first or cut.where
         seen.setdefault(key, cut)
     if first:
-        msg = f"{len(cuts) - len(seen)} repeated cuts are left out, the first in {first}."
-        warn(msg, UwtrackNote, stacklevel=3)
+        note(f"{len(cuts) - len(seen)} repeated cuts are left out, the first in {first}.")
     return sorted(seen.values(), key=lambda cut: cut.time_ns)
 
 
@@ -375,21 +368,19 @@ def _placed(series: Series, cuts: Sequence[_Cut], tracks: dict[str, _Track]) -> 
     if not tracks and all(cut.place is None for cut in cuts):
         hosts = list(dict.fromkeys(cut.track for cut in cuts))
         if len(hosts) > 1:
-            msg = (
+            raise DataError(
                 f"the cuts are of several ships ({', '.join(hosts[:10])}) whose tracks "
                 f"are missing: give the REP file that has them, too."
             )
-            raise DataError(msg)
         names = list(dict.fromkeys(_sensors(cuts)))
         if series.contact_numbers == "own" and len(names) > 1:
             words = ", ".join(f"{n} is {name}" for n, name in enumerate(names, 1))
-            msg = f"each sensor is a contact of its own: {words}."
-            warn(msg, UwtrackNote, stacklevel=3)
+            note(f"each sensor is a contact of its own: {words}.")
         return series
     names = _sensors(cuts)
     places = np.array([cut.place or _on_track(cut, tracks) for cut in cuts])
     origin = Origin(*map(float, places[0]))
-    east, north = _on_grid(places[:, 0], places[:, 1], origin)
+    east, north = places_on_grid(places[:, 0], places[:, 1], origin)
     return replace(
         series,
         sensor=np.array(names, np.str_),
@@ -401,25 +392,15 @@ def _placed(series: Series, cuts: Sequence[_Cut], tracks: dict[str, _Track]) -> 
     )
 
 
-def _on_grid(
-    latitude: FloatArray, longitude: FloatArray, origin: Origin
-) -> tuple[FloatArray, FloatArray]:
-    places = zip(latitude.tolist(), longitude.tolist(), strict=True)
-    grid = np.array([to_grid(*place, origin) for place in places])
-    return grid[:, 0], grid[:, 1]
-
-
 def _on_track(cut: _Cut, tracks: dict[str, _Track]) -> tuple[float, float]:
     """Return where the ship of a cut was."""
     track = tracks.get(cut.track)
     if track is None:
         has = ", ".join(list(tracks)[:10]) or "none"
-        msg = f"{cut.where}: there is no track of {cut.track[:80]}, but of {has}."
-        raise DataError(msg)
+        raise DataError(f"{cut.where}: there is no track of {cut.track[:80]}, but of {has}.")
     time, first = np.unique(np.array(track.time_ns), return_index=True)
     if not time[0] - SLACK_NS <= cut.time_ns <= time[-1] + SLACK_NS:
-        msg = f"{cut.where}: the track of {cut.track[:80]} does not cover the time."
-        raise DataError(msg)
+        raise DataError(f"{cut.where}: the track of {cut.track[:80]} does not cover the time.")
     since = (time - time[0]) / NANOSECONDS
     at = (cut.time_ns - int(time[0])) / NANOSECONDS
     longitude = np.unwrap(np.array(track.longitude)[first], period=360.0)
@@ -441,8 +422,7 @@ def replay_lines(
     """
     for one in (_as_joined(table, told) for table in series):
         if one.start_utc_ns is None:
-            msg = "REP and DSF need UTC, and the table has seconds alone: give time_utc."
-            raise DataError(msg)
+            raise DataError("REP and DSF need UTC, and the table has seconds alone: give time_utc.")
         places = _latitudes(one)
         if with_tracks and places is not None and one.sensor is not None:
             yield from _sensor_tracks(one, places)
@@ -508,11 +488,10 @@ def _ways(series: Series, rows: IntArray) -> tuple[FloatArray, FloatArray]:
 def _cut_lines(series: Series, places: tuple[FloatArray, FloatArray] | None) -> Iterator[str]:
     mirrored = series.mirrored_bearing_deg
     if series.frequency_hz.shape[1] > 1:
-        msg = (
+        raise DataError(
             f"a REP or DSF cut has one frequency, and the table has "
             f"{series.frequency_hz.shape[1]} lines."
         )
-        raise DataError(msg)
     unknown = np.full(series.time_s.size, np.nan)
     has_line = series.frequency_hz.shape[1] == 1
     frequency = series.frequency_hz[:, 0] if has_line else unknown

@@ -59,11 +59,10 @@ def read_scans(path: Path | str) -> Scans:
     named = {int(m[1]): (name, m[2] or m[3] or "") for name, m in found.items() if m}
     numbers = range(1, len(named) + 1)
     if not named or sorted(named) != list(numbers):
-        msg = (
+        raise DataError(
             f"{path}: the components must be z_1, z_2 ... without a gap; "
             f"the columns are {', '.join(table.cells)}."
         )
-        raise DataError(msg)
     names, units = zip(*(named[i] for i in numbers), strict=True)
     deviations = [f"std_{i}" for i in numbers]
     table.check_known([*names, *deviations, "scan", "time_s", "time_utc", "amplitude", "contact"])

@@ -11,18 +11,18 @@ Recorders saturate between 60 and 240 dB re 1 uPa; a value outside betrays a wro
 or unit, and the term farthest from what is sold is named.
 """
 
+import json
 import math
 from dataclasses import dataclass, field, fields
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Literal
-from warnings import warn
 
 import numpy as np
 
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, from_table, shown
 from uwtrack_cli.data.sensor import Sensor, SoundSpeed
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, warn
 from uwtrack_cli.files.tables.navigation import read_navigation
 from uwtrack_cli.files.tables.toml_tables import read_toml
 
@@ -51,6 +51,18 @@ APERTURES_M = (0.01, 2000.0)
 
 STRAIGHT_SHARE = 1e-3
 """An array narrower than this share of its length is a line."""
+
+LISTS: dict[str, tuple[str, type]] = {
+    "channels": (",", str),
+    "multiplex": (",", str),
+    "response_db": (",:", float),
+    "dipole_gains": (",", float),
+    "omni_crosstalk": (",", float),
+    "element_along_m": (",", float),
+    "element_positions_m": (";,", float),
+}
+"""Keys with lists, which a sensor holds as texts: what stands between the elements, the
+outer ones first, and what they are."""
 
 TOW_KEYS = {
     "tow_offset_m": (
@@ -109,6 +121,12 @@ class SensorTable:
     and dipoles are multiplexed, or many hydrophones."""
     channels: list[str] | None = None
     """Names of the channels in the order of the file; "-" leaves one out."""
+    multiplex: tuple[DipoleName, DipoleName] | None = None
+    """Dipole in phase with the 15 kHz pilot, and the one a quarter of a period ahead of
+    it; "-" inverts one. "-east" and "north" if not given."""
+    response_db: list[tuple[Frequency, Decibel]] | None = None
+    """Frequencies in Hz and the response of the buoy there in dB, which is equalised;
+    flat if not given. Constant before the first and after the last."""
     latitude: Annotated[float, Unit("degree"), AtLeast(-90), AtMost(90)] | None = None
     """Latitude, north positive."""
     longitude: Annotated[float, Unit("degree"), AtLeast(-180), AtMost(180)] | None = None
@@ -125,31 +143,6 @@ class SensorTable:
     """Standard deviation of the depth."""
     heading_deg: Degrees | None = None
     """Compass heading of axes that turn with the housing, or of a fixed array."""
-    sound_speed_mps: SoundSpeed | None = None
-    """Sound speed at the sensor."""
-    sound_speed_std_mps: Annotated[float, Unit("m/s"), AtLeast(0), AtMost(1e8)] | None = None
-    """Standard deviation of the sound speed."""
-    compass_offset_deg: Degrees | None = None
-    """Added once to every bearing."""
-    compass_std_deg: Annotated[float, Unit("degree"), AtLeast(0), AtMost(180)] | None = None
-    """Standard deviation of the compass."""
-    declination_deg: Literal["place"] | Degrees | None = None
-    """Declination at a sensor whose compass shows magnetic north, east positive: added
-    to the compass offset. "place" takes it from the World Magnetic Model, for the place
-    of the sensor and the start of the recording."""
-    multiplex: tuple[DipoleName, DipoleName] | None = None
-    """Dipole in phase with the 15 kHz pilot, and the one a quarter of a period ahead of
-    it; "-" inverts one. "-east" and "north" if not given."""
-    response_db: list[tuple[Frequency, Decibel]] | None = None
-    """Frequencies in Hz and the response of the buoy there in dB, which is equalised;
-    flat if not given. Constant before the first and after the last."""
-    clock_offset_s: Annotated[float, Unit("s"), AtLeast(-1e9), AtMost(1e9)] | None = None
-    """Added once to every time."""
-    clock_std_s: Annotated[float, Unit("s"), AtLeast(0), AtMost(1e6)] | None = None
-    """Standard deviation of the clock."""
-    clock_error_ppm: Annotated[float, AtLeast(-1e5), AtMost(1e5)] | None = None
-    """By how much the recorder's clock makes frequencies too high, 1e-6: its sample rate
-    is taken to be lower by that."""
     dipole_gains: tuple[Gain, Gain] | None = None
     """Output of the first and of the second dipole for sound along its axis, over that
     of the omni channel; 1 and 1 if not given. `uwtrack calibrate` measures it."""
@@ -165,6 +158,25 @@ class SensorTable:
     """Distance along the track from the place that the navigation gives back to the array's middle."""
     heading_source: Literal["track", "way", "compass"] | None = None
     """Heading of an array: along the ship's track (once "way"), or the navigation's heading_deg."""
+    sound_speed_mps: SoundSpeed | None = None
+    """Sound speed at the sensor."""
+    sound_speed_std_mps: Annotated[float, Unit("m/s"), AtLeast(0), AtMost(1e8)] | None = None
+    """Standard deviation of the sound speed."""
+    compass_offset_deg: Degrees | None = None
+    """Added once to every bearing."""
+    compass_std_deg: Annotated[float, Unit("degree"), AtLeast(0), AtMost(180)] | None = None
+    """Standard deviation of the compass."""
+    declination_deg: Literal["place"] | Degrees | None = None
+    """Declination at a sensor whose compass shows magnetic north, east positive: added
+    to the compass offset. "place" takes it from the World Magnetic Model, for the place
+    of the sensor and the start of the recording."""
+    clock_offset_s: Annotated[float, Unit("s"), AtLeast(-1e9), AtMost(1e9)] | None = None
+    """Added once to every time."""
+    clock_std_s: Annotated[float, Unit("s"), AtLeast(0), AtMost(1e6)] | None = None
+    """Standard deviation of the clock."""
+    clock_error_ppm: Annotated[float, AtLeast(-1e5), AtMost(1e5)] | None = None
+    """By how much the recorder's clock makes frequencies too high, 1e-6: its sample rate
+    is taken to be lower by that."""
     navigation: str | None = None
     """File with positions and headings over time, relative to this one."""
     navigation_position_std_m: Annotated[float, Unit("m"), AtLeast(0), AtMost(1e6)] | None = None
@@ -196,20 +208,17 @@ class SensorTable:
             Keys are missing, exclude each other, or cannot be true together.
         """
         if not (self.id.strip() and self.id.isprintable() and len(self.id) <= MAX_ID):
-            msg = (
+            raise OptionError(
                 f"id must be a text of 1 to {MAX_ID} characters that can be printed, "
                 f"got {shown(self.id)}."
             )
-            raise OptionError(msg)
         for one, other in (("latitude", "longitude"), ("east_m", "north_m")):
             given = [key for key in (one, other) if getattr(self, key) is not None]
             if len(given) == 1:
                 missing = other if given == [one] else one
-                msg = f"{given[0]} is given without {missing}."
-                raise OptionError(msg)
+                raise OptionError(f"{given[0]} is given without {missing}.")
         if self.latitude is not None and self.east_m is not None:
-            msg = "give latitude and longitude, or east_m and north_m, not both."
-            raise OptionError(msg)
+            raise OptionError("give latitude and longitude, or east_m and north_m, not both.")
         if self.kind == "array":
             self._check_array()
         else:
@@ -222,91 +231,79 @@ class SensorTable:
         used = [name for name in self.channels or [] if name != "-"]
         given = [key for key in PLACE_KEYS if getattr(self, key) is not None]
         if len(given) > 1:
-            msg = (
+            raise OptionError(
                 f"an array has {' or '.join(PLACE_KEYS)}, not both: the first for a "
                 f"line, the second for any other shape."
             )
-            raise OptionError(msg)
         key = given[0] if given else PLACE_KEYS[0]
         places: list[Any] = getattr(self, key) or []
         if len(used) != len(places) or len(used) < FEWEST_ELEMENTS:
-            msg = (
+            raise OptionError(
                 f"an array needs a channel and a place in {key} for each of "
                 f"at least {FEWEST_ELEMENTS} hydrophones, got {len(used)} channels to "
                 f'use and {len(places)} places; "-" leaves a channel out.'
             )
-            raise OptionError(msg)
         wrong = [n for n in used if used.count(n) > 1 or "," in n or not n.strip()]
         if wrong:
-            msg = (
+            raise OptionError(
                 f"channels of an array must have names of their own without a comma, "
                 f"got {shown(wrong[0])}."
             )
-            raise OptionError(msg)
         twice = [place for place in places if places.count(place) > 1]
         if twice:
             where = " ".join(f"{value:g}" for value in np.ravel(twice[0]))
-            msg = (
+            raise OptionError(
                 f"{key} puts two hydrophones at {where} m: give each its "
                 f'own place, or leave one out with channel name "-".'
             )
-            raise OptionError(msg)
         spread = np.reshape(np.array(places, float), (len(places), -1))
         spans = np.linalg.svd(spread - spread.mean(axis=0), compute_uv=False)
         aperture_m = float(np.ptp(spread, axis=0).max())
         if not APERTURES_M[0] <= aperture_m <= APERTURES_M[1]:
-            msg = (
+            raise OptionError(
                 f"{key} spans {aperture_m:g} m; arrays have "
                 f"{APERTURES_M[0]:g} to {APERTURES_M[1]:g} m. Are the places in metres?"
             )
-            raise OptionError(msg)
         if spans.size > 1 and spans[1] < STRAIGHT_SHARE * spans[0]:
-            msg = (
+            raise OptionError(
                 "element_positions_m lie on one line, which measures an angle and no "
                 "bearing: give element_along_m, the positions along that line."
             )
-            raise OptionError(msg)
         self._check_tow()
 
     def _check_tow(self) -> None:
         if self.navigation is None:
             return
         if self.heading_deg is not None:
-            msg = "an array has heading_deg (it is fixed) or navigation, not both."
-            raise OptionError(msg)
+            raise OptionError("an array has heading_deg (it is fixed) or navigation, not both.")
         for key, meaning in TOW_KEYS.items():
             if getattr(self, key) is None:
-                msg = f"an array with navigation needs {key}: {meaning}."
-                raise OptionError(msg)
+                raise OptionError(f"an array with navigation needs {key}: {meaning}.")
 
     def _check_dipoles(self) -> None:
         own = [key for key in DIPOLE_KEYS if getattr(self, key) is not None]
         if own and self.kind not in {"difar", "difar-multiplexed"}:
-            msg = f'{own[0]} belongs to a sensor with dipoles: give kind = "difar".'
-            raise OptionError(msg)
+            raise OptionError(f'{own[0]} belongs to a sensor with dipoles: give kind = "difar".')
 
     def _check_multiplex(self) -> None:
         own = [key for key in MULTIPLEX_KEYS if getattr(self, key) is not None]
         if own and self.kind != "difar-multiplexed":
-            msg = f'{own[0]} belongs to a buoy: give kind = "difar-multiplexed".'
-            raise OptionError(msg)
+            raise OptionError(f'{own[0]} belongs to a buoy: give kind = "difar-multiplexed".')
         axes = sorted(name.removeprefix("-") for name in self.multiplex or DIPOLES)
         if axes != ["east", "north"]:
-            msg = f"multiplex names each dipole once, got {list(self.multiplex or ())}."
-            raise OptionError(msg)
+            raise OptionError(
+                f"multiplex names each dipole once, got {list(self.multiplex or ())}."
+            )
         edges = [frequency_hz for frequency_hz, _ in self.response_db or [(1.0, 0.0)]]
         if not edges or edges != sorted(set(edges)):
-            msg = f"frequencies of response_db must increase, got {edges}."
-            raise OptionError(msg)
+            raise OptionError(f"frequencies of response_db must increase, got {edges}.")
 
     def _check_channels(self) -> None:
         own = [key for key in ARRAY_KEYS if getattr(self, key) is not None]
         if own:
-            msg = f'{own[0]} belongs to an array: give kind = "array".'
-            raise OptionError(msg)
+            raise OptionError(f'{own[0]} belongs to an array: give kind = "array".')
         if self.channels is None and self.kind == "difar":
-            msg = 'a difar sensor needs channels = ["omni", "east", "north"].'
-            raise OptionError(msg)
+            raise OptionError('a difar sensor needs channels = ["omni", "east", "north"].')
         names = self.channel_names
         used = sorted(name for name in names if name != "-")
         sole = SOLE_CHANNEL.get(self.kind)
@@ -315,14 +312,12 @@ class SensorTable:
             wanted = f'"{sole}" once' if sole else (
                 '"omni", "east", "north" or "omni", "x", "y", each once'
             )  # fmt: skip
-            msg = (
+            raise OptionError(
                 f"channels of a {self.kind} sensor must be {wanted} in file order, "
                 f'with "-" for one to leave out, got {names}.'
             )
-            raise OptionError(msg)
         if "x" in names and self.heading_deg is None and self.navigation is None:
-            msg = 'channels "x" and "y" turn with the housing: give heading_deg.'
-            raise OptionError(msg)
+            raise OptionError('channels "x" and "y" turn with the housing: give heading_deg.')
 
     def _check_calibration(self) -> None:
         terms = {key: getattr(self, key) for key in USUAL}
@@ -330,24 +325,21 @@ class SensorTable:
         if len(missing) == len(terms):
             return
         if self.full_scale_db is not None:
-            msg = f"give full_scale_db, or {', '.join(terms)}, not both."
-            raise OptionError(msg)
+            raise OptionError(f"give full_scale_db, or {', '.join(terms)}, not both.")
         if missing:
-            msg = (
+            raise OptionError(
                 f"a calibration needs {', '.join(terms)}; {', '.join(missing)} is "
                 f"missing. Give all three, or full_scale_db, or none if unknown."
             )
-            raise OptionError(msg)
         level_db = 20.0 * math.log10(terms["adc_peak_v"])
         level_db -= terms["sensitivity_db_re_v_per_upa"] + terms["gain_db"]
         if not FULL_SCALE_DB[0] <= level_db <= FULL_SCALE_DB[1]:
             wrong = max(USUAL, key=lambda key: _oddness_db(key, terms[key]))
-            msg = (
+            raise OptionError(
                 f"the calibration gives a full-scale sample {level_db:.4g} dB re 1 uPa, "
                 f"outside {FULL_SCALE_DB[0]:g} to {FULL_SCALE_DB[1]:g}; {wrong} = "
                 f"{terms[wrong]:g} looks wrong ({HINTS[wrong]})."
             )
-            raise OptionError(msg)
 
     @property
     def channel_names(self) -> list[str]:
@@ -357,21 +349,13 @@ class SensorTable:
     def sensor(self, folder: Path) -> Sensor:
         """Return the sensor; files that it names lie relative to a folder."""
         facts = {f.name: getattr(self, f.name) for f in fields(SensorTable)}
-        facts["channels"] = ",".join(self.channel_names)
+        facts["channels"] = self.channel_names
         facts |= self._north(facts.pop("declination_deg"))
         if self.kind == "difar-multiplexed":
-            facts["multiplex"] = ",".join(self.multiplex or DIPOLES)
-        response = [f"{f!r}:{db!r}" for f, db in facts.pop("response_db") or []]
-        facts["response"] = ",".join(response) or None
-        for key in ("dipole_gains", "omni_crosstalk"):
-            if facts[key] is not None:
-                facts[key] = ",".join(map(repr, facts[key]))
-        if self.element_along_m is not None:
-            facts["element_along_m"] = ",".join(map(repr, self.element_along_m))
-        if self.element_positions_m is not None:
-            facts["element_positions_m"] = ";".join(
-                ",".join(map(repr, place)) for place in self.element_positions_m
-            )
+            facts["multiplex"] = self.multiplex or DIPOLES
+        for key, (signs, _) in LISTS.items():
+            facts[key] = None if facts[key] is None else _as_text(facts[key], signs)
+        facts["response"] = facts.pop("response_db") or None
         if self.kind == "array" and self.heading_deg is not None:
             facts["heading_source"] = "fixed"
         if self.navigation is not None:
@@ -387,6 +371,36 @@ class SensorTable:
             return {"compass_offset_deg": offset_deg}
         untold = self.kind == "difar-multiplexed" and self.compass_offset_deg is None
         return {"north": "compass" if untold else None}
+
+
+def _as_text(value: Any, signs: str) -> str:
+    """Return a list as a text with a sign between its elements, one for each depth."""
+    if not signs:
+        return value if isinstance(value, str) else repr(value)
+    return signs[0].join(_as_text(one, signs[1:]) for one in value)
+
+
+def _as_list(text: str, signs: str, kind: type) -> Any:
+    """Return the list of a text that `_as_text` made."""
+    if not signs:
+        return kind(text)
+    return [_as_list(part, signs[1:], kind) for part in text.split(signs[0])]
+
+
+def sensor_text(sensor: Sensor, navigation_name: str = "") -> str:
+    """Return a sensor file: the facts of a sensor as TOML."""
+    facts = {f.name: getattr(sensor, f.name, None) for f in fields(SensorTable)}
+    facts |= {"response_db": sensor.response, "navigation": navigation_name or None}
+    if sensor.is_multiplexed:  # what its file holds
+        facts["channels"] = "multiplex"
+    if sensor.heading_source == "fixed":
+        facts["heading_source"] = None
+    elif "x" not in sensor.channel_names:
+        facts["heading_deg"] = None
+    facts["dipole_crosstalk"] = sensor.dipole_crosstalk or None
+    known = {key: value for key, value in facts.items() if value is not None}
+    known |= {key: _as_list(known[key], *how) for key, how in LISTS.items() if key in known}
+    return "".join(f"{key} = {json.dumps(value)}\n" for key, value in known.items())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -435,11 +449,10 @@ def find_sensor(recording: Path | str, sensor_file: Path | str | None = None) ->
     matching = [d.sensor for d in deployed if _matches(recording, d.files)]
     if len(matching) != 1:
         ids = ", ".join(repr(s.id) for s in matching) or "none"
-        msg = (
+        raise DataError(
             f"{sensor_file}: exactly one sensor must claim {recording.name} with its "
             f"`files` patterns, found {ids}."
         )
-        raise DataError(msg)
     return matching[0]
 
 
@@ -472,8 +485,7 @@ def load_sensor(path: Path | str) -> Sensor:
     """
     deployed = load_deployment(Path(path))
     if len(deployed) != 1:
-        msg = f"{path} describes {len(deployed)} sensors; a single one is needed here."
-        raise DataError(msg)
+        raise DataError(f"{path} describes {len(deployed)} sensors; a single one is needed here.")
     return deployed[0].sensor
 
 
@@ -490,8 +502,7 @@ def load_deployment(path: Path | str) -> list[DeployedSensor]:
     try:
         deployed = _deployed(content, path)
     except OptionError as error:
-        msg = f"{path}: {error}"
-        raise DataError(msg) from error
+        raise DataError(f"{path}: {error}") from error
     for item in deployed:
         _remark_on_speed(item.sensor, path)
     return deployed
@@ -504,31 +515,27 @@ def _deployed(content: dict[str, Any], path: Path) -> list[DeployedSensor]:
     tables = content["sensor"]
     if set(content) != {"sensor"}:
         unknown = next(key for key in content if key != "sensor")
-        msg = f"unknown key {unknown!r} beside the [[sensor]] tables."
-        raise OptionError(msg)
+        raise OptionError(f"unknown key {unknown!r} beside the [[sensor]] tables.")
     is_list = isinstance(tables, list) and all(isinstance(t, dict) for t in tables)
     if not is_list or not tables:
-        msg = "sensors are given as one [[sensor]] table each."
-        raise OptionError(msg)
+        raise OptionError("sensors are given as one [[sensor]] table each.")
     found: list[DeployedSensor] = []
     for number, given in enumerate(tables, 1):
         table = from_table(DeployedSensorTable, given, f"sensor {number}")
         files = [table.files] if isinstance(table.files, str) else table.files
         sensor = table.sensor(path.parent)
         if any(sensor.id == other.sensor.id for other in found):
-            msg = f"the id {sensor.id!r} is given twice; each sensor needs its own."
-            raise OptionError(msg)
+            raise OptionError(f"the id {sensor.id!r} is given twice; each sensor needs its own.")
         found.append(DeployedSensor(sensor=sensor, files=tuple(files)))
     return found
 
 
 def _remark_on_speed(sensor: Sensor, path: Path) -> None:
     if WAVE_GUIDES[0] < sensor.sound_speed_mps < WAVE_GUIDES[1]:
-        msg = (
+        warn(
             f"{path}: sound_speed_mps = {sensor.sound_speed_mps:g} is faster than "
             f"sound in water or air and slower than light; 4900 ft/s are 1500 m/s."
         )
-        warn(msg, UwtrackWarning, stacklevel=4)
 
 
 def _oddness_db(key: str, value: float) -> float:

@@ -11,17 +11,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from warnings import warn
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import Origin, to_grid, to_latitude_longitude
+from uwtrack_cli.acoustics.geodesy import Origin, places_on_grid, to_grid, to_latitude_longitude
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.options import shown
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.series import BEARING, Series
-from uwtrack_cli.errors import DataError, UwtrackNote, UwtrackWarning
+from uwtrack_cli.errors import DataError, note, warn
 from uwtrack_cli.files.tables.csv_table import (
     Table,
     check_increasing,
@@ -70,11 +69,10 @@ def read_series(path: Path | str, *, sensors: Sequence[Sensor] | None = None) ->
     if "sensor" not in table:
         check_increasing(table, values["time_s"], values["contact"])
         if sensors:
-            msg = (
+            raise DataError(
                 f"{table.path} has no column sensor: its rows cannot be assigned to "
                 f"the sensors of the file."
             )
-            raise DataError(msg)
     _remark_on_radians(table, values["bearing_deg"])
     values["mirrored_bearing_deg"] = _mirrored(table, values)
     values["bearing_deg"] = values["bearing_deg"] % 360.0
@@ -175,11 +173,10 @@ def _unrepeated(table: Table, time_s: FloatArray) -> IntArray:
             again.append(row)
         seen.add(cells)
     if again:
-        msg = (
+        note(
             f"{table.path}: {len(again)} repeated rows are left out, the first in line "
             f"{table.lines[again[0]]}."
         )
-        warn(msg, UwtrackNote, stacklevel=3)
     return np.delete(np.arange(time_s.size), again)
 
 
@@ -188,11 +185,10 @@ def _mirrored(table: Table, values: Mapping[str, Any]) -> FloatArray | None:
     mirrored: FloatArray | None = values["mirrored_bearing_deg"]
     if "array_heading_deg" in table:
         if mirrored is not None:
-            msg = (
+            raise DataError(
                 f"{table.path} gives the array's other side twice: array_heading_deg "
                 f"and mirrored_bearing_deg."
             )
-            raise DataError(msg)
         heading = table.measured("array_heading_deg", BEARING)
         mirrored = 2.0 * heading - values["bearing_deg"]
     return None if mirrored is None else mirrored % 360.0
@@ -286,11 +282,7 @@ def _told(known: Mapping[str, Sensor], used: Sequence[str], name: str) -> FloatA
 
 def _geographic_rows(latitude: FloatArray, longitude: FloatArray) -> Place:
     origin = Origin(float(latitude[0]), float(longitude[0]))
-    # equal places once: geodesics are slow
-    pairs, row = np.unique(np.stack([latitude, longitude], -1), axis=0, return_inverse=True)
-    grid = np.array([to_grid(float(lat), float(lon), origin) for lat, lon in pairs])
-    east, north = grid[row.ravel()].T
-    return east, north, origin
+    return *places_on_grid(latitude, longitude, origin), origin
 
 
 def _places_by_file(series: Series, table: Table, known: Mapping[str, Sensor]) -> Place:
@@ -325,12 +317,8 @@ def _places_by_file(series: Series, table: Table, known: Mapping[str, Sensor]) -
         elif np.ptp(way[0]) == 0.0 and np.ptp(way[1]) == 0.0 and not way[0].any():
             east[rows], north[rows] = to_grid(*own, first)
         else:
-            latitude, longitude = to_latitude_longitude(*way, own)
-            grid = [
-                to_grid(float(lat), float(lon), first)
-                for lat, lon in zip(latitude, longitude, strict=True)
-            ]
-            east[rows], north[rows] = np.array(grid).T
+            place = to_latitude_longitude(*way, own)
+            east[rows], north[rows] = places_on_grid(*place, first)
     return east, north, first
 
 
@@ -381,9 +369,8 @@ def _remark_on_radians(table: Table, bearing: FloatArray) -> None:
     known = bearing[np.isfinite(bearing)]
     if known.size >= ENOUGH_ROWS and np.all(np.abs(known) <= FULL_TURN):
         first = int(np.flatnonzero(np.isfinite(bearing))[0])
-        msg = (
+        warn(
             f"{table.where(first)}: bearing_deg is {bearing[first]:g}, and every bearing "
             f"of the table lies within {FULL_TURN:.3f} degrees of north; if these are "
             f"radians, convert them to degrees."
         )
-        warn(msg, UwtrackWarning, stacklevel=3)

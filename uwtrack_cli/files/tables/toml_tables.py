@@ -30,15 +30,13 @@ def read_toml(path: Path) -> dict[str, Any]:
     """
     check_readable(path)
     if path.stat().st_size > MAX_BYTES:
-        msg = f"{path} is larger than {MAX_BYTES} bytes; that is no settings file."
-        raise DataError(msg)
+        raise DataError(f"{path} is larger than {MAX_BYTES} bytes; that is no settings file.")
     try:
         return parse_toml(as_input(path).read_text(encoding="utf-8-sig"))
     except (DataError, UnicodeDecodeError) as error:
         is_text = isinstance(error, DataError)
         why = f"{error}" if is_text else "it is no text in UTF-8"
-        msg = f"{path} is no valid TOML: {why}."
-        raise DataError(msg) from error
+        raise DataError(f"{path} is no valid TOML: {why}.") from error
 
 
 def parse_toml(content: str) -> dict[str, Any]:
@@ -51,19 +49,15 @@ def parse_toml(content: str) -> dict[str, Any]:
         the message tells the reason alone.
     """
     if len(content) > MAX_BYTES:
-        msg = f"it is longer than {MAX_BYTES} characters"
-        raise DataError(msg)
+        raise DataError(f"it is longer than {MAX_BYTES} characters")
     for part in KEYS.split(STRINGS.sub('""', content)):
         if part.count(".") >= MAX_KEY_PARTS and not part.lstrip().startswith("#"):
-            msg = f"a key has more than {MAX_KEY_PARTS} parts"
-            raise DataError(msg)
+            raise DataError(f"a key has more than {MAX_KEY_PARTS} parts")
     try:
         return tomllib.loads(content)
     except RecursionError as error:
-        msg = "it is nested too deeply"
-        raise DataError(msg) from error
+        raise DataError("it is nested too deeply") from error
     except tomllib.TOMLDecodeError as error:
         raise DataError(str(error)) from error
     except ValueError as error:  # Python's limit on digits
-        msg = "a number has thousands of digits"
-        raise DataError(msg) from error
+        raise DataError("a number has thousands of digits") from error

@@ -33,8 +33,7 @@ def read_truth(path: Path) -> Truth:
     """
     check_readable(path)
     if path.stat().st_size > MAX_BYTES:
-        msg = f"{path} is larger than {MAX_BYTES >> 20} MB, and no truth file."
-        raise DataError(msg)
+        raise DataError(f"{path} is larger than {MAX_BYTES >> 20} MB, and no truth file.")
     try:
         return _truth(path.name, _content(path))
     except DataError:
@@ -42,18 +41,17 @@ def read_truth(path: Path) -> Truth:
     except (ValueError, TypeError, KeyError, AttributeError,
             RecursionError, OverflowError) as error:  # fmt: skip
         reason = f"{type(error).__name__}: {error}"
-        msg = f"{path} is no readable truth file ({reason}); simulate it again."
-        raise DataError(msg) from error
+        raise DataError(
+            f"{path} is no readable truth file ({reason}); simulate it again."
+        ) from error
 
 
 def _content(path: Path) -> dict[str, Any]:
     content = json.loads(as_input(path).read_text(encoding="utf-8"))
     if not isinstance(content, dict) or content.get("format") != FORMAT:
-        msg = f"{path} is no truth file: its format must be {FORMAT!r}."
-        raise DataError(msg)
+        raise DataError(f"{path} is no truth file: its format must be {FORMAT!r}.")
     if content.get("version") != VERSION:
-        msg = f"{path} has version {content.get('version')}, accepted is {VERSION}."
-        raise DataError(msg)
+        raise DataError(f"{path} has version {content.get('version')}, accepted is {VERSION}.")
     return content
 
 
@@ -86,8 +84,7 @@ def _track(row: dict[str, Any]) -> VesselTrack:
         for key in ("time_s", "east_m", "north_m", "velocity_east_mps", "velocity_north_mps")
     )
     if not time_s.shape == east.shape == north.shape == east_rate.shape:
-        msg = f"the track of vessel {row['vessel']} has columns of different length."
-        raise DataError(msg)
+        raise DataError(f"the track of vessel {row['vessel']} has columns of different length.")
     return VesselTrack(
         vessel=_label(row),
         time_s=time_s,

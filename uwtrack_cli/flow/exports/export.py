@@ -1,16 +1,16 @@
 """Export a product: CSV, GeoJSON, KML, Raven table, NetCDF, REP, DSF."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Literal, NamedTuple
-from warnings import warn
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.atomic import atomic_target, check_target, write_text
 from uwtrack_cli.files.hdf5.layout import container_class
 from uwtrack_cli.files.hdf5.netcdf import write_netcdf
@@ -95,32 +95,16 @@ def _kml(containers: list[Container], name: str) -> str:
     return kml_text(geographic_features(containers, name), Path(name).name)
 
 
-def _rep(containers: list[Container], name: str) -> str:
-    lines = replay_lines(_series(containers), _told(containers), with_tracks=True)
-    return _replay(lines, name)
-
-
-def _dsf(containers: list[Container], name: str) -> str:
-    lines = replay_lines(_series(containers), _told(containers), with_tracks=False)
-    return _replay(lines, name)
-
-
-def _told(containers: list[Container]) -> list[Fixes | Motions]:
-    return [c for c in containers if isinstance(c, Fixes | Motions)]
-
-
-def _series(containers: list[Container]) -> list[Series]:
-    return [c for c in containers if isinstance(c, Series)]
-
-
-def _replay(lines: Iterator[str], name: str) -> str:
+def _replay(containers: list[Container], name: str, *, with_tracks: bool) -> str:
+    series = [c for c in containers if isinstance(c, Series)]
+    told = [c for c in containers if isinstance(c, Fixes | Motions)]
+    lines = replay_lines(series, told, with_tracks=with_tracks)
     text = "".join(f"{line}\n" for line in lines)
     if not text:
-        msg = (
+        raise DataError(
             f"{name} has no table of bearings, and no positions with latitude, longitude "
             f"and UTC: that is what a REP file holds (a DSF file: the bearings)."
         )
-        raise DataError(msg)
     return text
 
 
@@ -144,8 +128,8 @@ FORMATS: dict[Form, Format] = {
     "kml": Format(".kml", PLACED, _kml),
     "raven": Format(".selections.txt", ("lines",), raven_text),
     "netcdf": Format(".nc"),
-    "rep": Format(".rep", ("series", "fixes", "motions"), _rep),
-    "dsf": Format(".dsf", ("series",), _dsf),
+    "rep": Format(".rep", ("series", "fixes", "motions"), partial(_replay, with_tracks=True)),
+    "dsf": Format(".dsf", ("series",), partial(_replay, with_tracks=False)),
 }
 
 
@@ -163,8 +147,7 @@ def _chosen(
             return found
         there = there or found
     if there is None:
-        msg = f"{product.name} holds no table; name one with --table."
-        raise DataError(msg)
+        raise DataError(f"{product.name} holds no table; name one with --table.")
     return _remarked(there, product.name)
 
 
@@ -181,5 +164,4 @@ def _remarked(container: Container, name: str) -> Container:
 
 def _remark(name: str, rows: str, *, n_rows: int) -> None:
     if not n_rows:
-        msg = f"{name} has no {rows}: the table has a head and no rows."
-        warn(msg, UwtrackWarning, stacklevel=4)
+        warn(f"{name} has no {rows}: the table has a head and no rows.")

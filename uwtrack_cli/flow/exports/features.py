@@ -12,7 +12,6 @@ Longitudes of one feature do not jump at the date line.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeVar
-from warnings import warn
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from uwtrack_cli.data.base import Container, FloatArray
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.errors import DataError, warn
 from uwtrack_cli.files.tables.json_rows import json_rows
 
 TRACK_RANGES = 3.0
@@ -62,11 +61,10 @@ def geographic_features(containers: Sequence[Container], name: str) -> list[Feat
     for motions in _of(containers, Motions):
         found += _motions(motions)
     if not found:
-        msg = (
+        raise DataError(
             f"{name} has nothing with latitude and longitude: give them in the sensor "
             f"file and run again, or export to csv."
         )
-        raise DataError(msg)
     _remark(containers, found, name)
     return found
 
@@ -76,11 +74,10 @@ def _remark(containers: Sequence[Container], found: Sequence[Feature], name: str
     n_found = sum(e.n_encounters for e in _of(containers, Encounters))
     n_placed = sum(feature.kind == "encounter" for feature in found)
     if n_placed < n_found:
-        msg = (
+        warn(
             f"{n_found - n_placed} of {n_found} encounters of {name} have no place on "
             f"the map, which takes a bearing and a range; export to csv holds them."
         )
-        warn(msg, UwtrackWarning, stacklevel=4)
 
 
 def _of(containers: Sequence[Container], kind: type[C]) -> list[C]:

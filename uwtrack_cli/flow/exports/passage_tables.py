@@ -14,7 +14,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Literal, get_args, get_type_hints
 
-from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.errors import OptionError, needing
 from uwtrack_cli.files.text_escaping import csv_line
 from uwtrack_cli.flow.exports.geojson import collection_text
 from uwtrack_cli.flow.passages import PassageLevel, PassageRow, PassageTable
@@ -118,18 +118,16 @@ def query_passages(table: PassageTable, query: str) -> list[Row]:
     try:
         kinds = [statement.type for statement in connection.extract_statements(query)]
         if kinds != [duckdb.StatementType.SELECT]:
-            msg = f"--sql takes one SELECT over passages and levels, got {query!r}."
-            raise OptionError(msg)
+            raise OptionError(f"--sql takes one SELECT over passages and levels, got {query!r}.")
         result = connection.execute(query)
         heads = [column[0] for column in result.description or ()]
         found = [dict(zip(heads, map(_plain, row), strict=True)) for row in result.fetchall()]
     except duckdb.Error as error:
         first = str(error).split("\n", 1)[0].rstrip("!.")
-        msg = (
+        raise OptionError(
             f"--sql is not understood: {first}. Columns of passages: "
             f"{', '.join(COLUMNS)}; of levels: {', '.join(LEVEL_COLUMNS)}."
-        )
-        raise OptionError(msg) from error
+        ) from error
     finally:
         connection.close()
     return found
@@ -149,11 +147,8 @@ def load_duckdb() -> Any:
     DataError
         It is not installed.
     """
-    try:
+    with needing("Parquet and SQL need DuckDB", "catalogue"):
         import duckdb
-    except ImportError as error:
-        msg = f"Parquet and SQL need DuckDB ({error}); pip install 'uwtrack[catalogue]'."
-        raise DataError(msg) from error
     return duckdb
 
 

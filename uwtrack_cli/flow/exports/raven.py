@@ -77,8 +77,7 @@ def raven_text(containers: Sequence[Container], name: str) -> str:
     """
     lines = [c for c in containers if isinstance(c, Lines)]
     if not lines:
-        msg = f"{name} holds no lines, which a selection table is made of."
-        raise DataError(msg)
+        raise DataError(f"{name} holds no lines, which a selection table is made of.")
     rows = [row for item in lines for row in _rows(item, containers, name)]
     rows.sort(key=lambda row: float(row[3]))
     text = io.StringIO()
@@ -93,8 +92,7 @@ def _rows(lines: Lines, containers: Sequence[Container], name: str) -> Iterator[
     clock = _clock(containers, sensor, name)
     rates = (lines.frames.sample_rate_hz, clock.recording.sample_rate_hz)
     if not all(rate > 0.0 for rate in rates) or lines.frames.fft_length < 1:
-        msg = f"{name} has frames without a sample rate; make it again."
-        raise DataError(msg)
+        raise DataError(f"{name} has frames without a sample rate; make it again.")
     padding = lines.frames.fft_length / lines.frames.window_samples
     for k, line in enumerate(lines.line_id):
         points = lines.line == line
@@ -120,5 +118,4 @@ def _clock(containers: Sequence[Container], sensor: str, name: str) -> FileClock
     for container in containers:
         if isinstance(container, Recording) and container.sensor.id == sensor:
             return FileClock(container, own)
-    msg = f"{name} does not say which recording the lines of {sensor} are from."
-    raise DataError(msg)
+    raise DataError(f"{name} does not say which recording the lines of {sensor} are from.")

@@ -17,12 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import Origin, to_grid
+from uwtrack_cli.acoustics.geodesy import Origin, places_on_grid
 from uwtrack_cli.constants import SOURCE_DEPTH_M
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.truth import TruePassage, Truth, VesselTrack
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.flow.scoring.recorded_sensors import origin_of
 
 MAX_GAP_S = 300.0
 STEP_S = 0.1
@@ -50,13 +50,7 @@ def ais_passages(
     DataError
         The latitude and longitude of the sensor are not known.
     """
-    if sensor.latitude is None or sensor.longitude is None:
-        msg = (
-            f"sensor {sensor.id!r} has no latitude and longitude, which AIS needs: "
-            f"give them in its sensor file and run again."
-        )
-        raise DataError(msg)
-    origin = Origin(sensor.latitude, sensor.longitude)
+    origin = origin_of(sensor)
     for track in truth.tracks:
         for approach in _approaches(track, origin, span_s):
             if np.hypot(*approach.place_m) <= within_m:
@@ -115,13 +109,8 @@ def _approaches(
         return
     columns = ("time_s", "first", "second", "speed_mps", "course_deg")
     part = replace(track, **{name: getattr(track, name)[near] for name in columns})
-    places = [
-        to_grid(float(lat), float(lon), origin)
-        for lat, lon in zip(part.first, part.second, strict=True)
-    ]
-    east, north = np.array(places).T
     time_s = np.arange(span_s[0], span_s[1] + STEP_S, STEP_S)
-    x, y = interpolate_track(part, east, north, time_s)
+    x, y = interpolate_track(part, *places_on_grid(part.first, part.second, origin), time_s)
     distance = np.hypot(x, y)
     middle = distance[1:-1]
     for dip in np.flatnonzero((middle < distance[:-2]) & (middle <= distance[2:])) + 1:

@@ -23,7 +23,7 @@ from uwtrack_cli.flow.scoring.encounter_scores import (
     apply_limits,
     score_encounters,
 )
-from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors
+from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors, start_of_rows
 from uwtrack_cli.flow.scoring.tolerances import Requirements
 from uwtrack_cli.flow.scoring.track_scores import TrackScores, score_fixes
 
@@ -87,14 +87,15 @@ def score_product(
     recorded = RecordedSensors(product.read_all(Sensor), recordings, encounters)
     fixes = _read(product, Fixes, there)
     if encounters is None and fixes is None:
-        msg = f"{product.name} holds neither encounters nor fixes to score."
-        raise DataError(msg)
+        raise DataError(f"{product.name} holds neither encounters nor fixes to score.")
     passed = EncounterScores((), (), (), ())
     if encounters is not None:
         passed = score_encounters(encounters, truth, recorded, within_m=within_m)
     tracks: TrackScores | None = None
     if fixes is not None and fixes.time_s.size:
-        start = _start_utc_ns(fixes, recordings)
+        starts = [r.start_utc_ns for r in recordings if r.start_utc_ns is not None]
+        start = start_of_rows(fixes)
+        start = min(starts, default=None) if start is None else start
         tracks = score_fixes(fixes, truth, start, cutoff_m=cutoff_m)
     scores = (*passed.scores, *(tracks.scores if tracks else ()))
     if wanted is not None:
@@ -137,13 +138,3 @@ def _problems(
         if excess:
             found.append(f"{key}: {excess}")
     return found
-
-
-def _start_utc_ns(fixes: Fixes, recordings: list[Recording]) -> int | None:
-    """Return the UTC of the time zero of fixes: their own times tell it."""
-    known = np.flatnonzero(fixes.time_utc_ns >= 0)
-    if known.size:
-        row = int(known[0])
-        return int(fixes.time_utc_ns[row]) - round(float(fixes.time_s[row]) * 1e9)
-    starts = [r.start_utc_ns for r in recordings if r.start_utc_ns is not None]
-    return min(starts) if starts else None

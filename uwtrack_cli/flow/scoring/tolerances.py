@@ -109,8 +109,7 @@ def _of_file(path: Path) -> Iterator[None]:
     try:
         yield
     except OptionError as error:
-        msg = f"{path}: {error}"
-        raise DataError(msg) from error
+        raise DataError(f"{path}: {error}") from error
 
 
 def _tables(path: Path) -> dict[str, dict[str, Any]]:

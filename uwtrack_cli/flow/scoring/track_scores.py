@@ -22,14 +22,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import Origin, to_grid, to_latitude_longitude
-from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.acoustics.geodesy import Origin, places_on_grid, to_latitude_longitude
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Fixes
 from uwtrack_cli.data.truth import Truth, VesselTrack
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.flow.scoring.ais_passages import interpolate_track
 from uwtrack_cli.flow.scoring.encounter_scores import Score
+from uwtrack_cli.flow.scoring.recorded_sensors import clock_shift_s
 
 LISTED_WEIGHT = 0.95
 """Weight of the modes among which the nearest to the truth is compared."""
@@ -65,7 +65,7 @@ def score_fixes(
     DataError
         The two cannot be brought to one grid or one clock.
     """
-    shift_s = _shift_s(truth, start_utc_ns)
+    shift_s = clock_shift_s(truth, start_utc_ns)
     tracks = [(track, *_on_grid(track, truth, fixes)) for track in truth.tracks]
     vessels = {
         time_s: _true_positions(tracks, time_s - shift_s)
@@ -125,15 +125,6 @@ def _compared_mode(
     return rows, [said]
 
 
-def _shift_s(truth: Truth, start_utc_ns: int | None) -> float:
-    if start_utc_ns is not None and truth.start_utc_ns is not None:
-        return (truth.start_utc_ns - start_utc_ns) / NANOSECONDS
-    if truth.is_geographic:
-        msg = f"{truth.name} is in UTC, and the positions have no UTC: give --start-utc."
-        raise DataError(msg)
-    return 0.0
-
-
 def _on_grid(track: VesselTrack, truth: Truth, fixes: Fixes) -> tuple[FloatArray, FloatArray]:
     """Return the positions of a vessel on the grid of the fixes."""
     latitude, longitude = fixes.origin_latitude, fixes.origin_longitude
@@ -150,13 +141,11 @@ def _on_grid(track: VesselTrack, truth: Truth, fixes: Fixes) -> tuple[FloatArray
     first, second = track.first, track.second
     if not truth.is_geographic:
         if truth.origin is None:
-            msg = f"{truth.name} does not say where its grid lies, and the fixes do."
-            raise DataError(msg)
+            raise DataError(f"{truth.name} does not say where its grid lies, and the fixes do.")
         if truth.origin == (latitude, longitude):
             return first, second
         first, second = to_latitude_longitude(first, second, Origin(*truth.origin))
-    places = [to_grid(float(a), float(b), there) for a, b in zip(first, second, strict=True)]
-    return np.array([p[0] for p in places]), np.array([p[1] for p in places])
+    return places_on_grid(first, second, there)
 
 
 def _true_positions(
@@ -250,8 +239,9 @@ def _paired_costs(
     from scipy.optimize import linear_sum_assignment
 
     if not (cutoff_m > 0.0 and order >= 1.0):
-        msg = f"cutoff_m must be positive and order 1 or more, got {cutoff_m}, {order}."
-        raise OptionError(msg)
+        raise OptionError(
+            f"cutoff_m must be positive and order 1 or more, got {cutoff_m}, {order}."
+        )
     apart = np.linalg.norm(estimated[:, None, :] - true[None, :, :], axis=-1)
     costs = np.minimum(apart, cutoff_m) ** order
     chosen: FloatArray = costs[linear_sum_assignment(costs)]

@@ -167,12 +167,11 @@ def tail_key(overlap: float, padding: int) -> tuple[float, int]:
     key = (round(overlap, 3), padding)
     if key not in TAILS:
         known = ", ".join(f"overlap {o:g} with zero padding {p}" for o, p in TAILS)
-        msg = (
+        raise OptionError(
             f"trace knows the noise of {known}; the spectrogram has overlap "
             f"{overlap:g} with zero padding {padding}. Run 'uwtrack spectrogram' "
             "with one of these."
         )
-        raise OptionError(msg)
     return key
 
 

@@ -421,11 +421,10 @@ def peaks_of(block: Families | Peaks) -> Peaks:
     if isinstance(block, Peaks):
         return block
     if block.peaks is None:
-        msg = (
+        raise DataError(
             "these families do not carry their peaks; give the file that "
             "'uwtrack classify' or 'uwtrack peaks' wrote."
         )
-        raise DataError(msg)
     return block.peaks
 
 
