@@ -57,6 +57,20 @@ def test_a_sharper_row_takes_the_levels_of_the_one_that_it_agrees_with():
     assert table.contact.tolist() == [1]
 
 
+def test_two_rows_of_one_sound_that_differ_by_more_than_they_may_are_both_doubted():
+    """By two estimates whose errors were drawn: the better one is part of the other."""
+    rng = np.random.default_rng(3)
+    sharp, more = rng.normal(0.0, 0.1, 400), rng.normal(0.0, 0.2, 400)
+    wrong = np.where(np.arange(400) < 40, 0.6, 0.0)
+    inside = 0
+    for one, other, off in zip(sharp, more, wrong, strict=True):
+        first = SLOW | {"time_s": 100.0 + one + other, "time_std_s": np.hypot(0.1, 0.2)}
+        second = SLOW | {"time_s": 100.0 + one + off, "time_std_s": 0.1}
+        table = compete(encounters_of(first), [encounters_of(second)], keeps_first=True)
+        inside += abs(table.time_s[0] - 100.0) < 1.96 * table.time_std_s[0]
+    assert inside > 0.93 * 400
+
+
 def test_of_answers_that_do_not_agree_the_more_probable_wins():
     other = SLOW | {"speed_mps": 20.0, "range_over_speed_s": 1.0}
     sharper = other | {"probability": 0.9}

@@ -3,12 +3,15 @@
 **Method.** Frames of different lengths see one passage, each in its own way: tables of
 closest approaches are added one after the other, and a row competes with those of the
 tables before it that claim the same time. Rows that agree are one passage, and the one
-with the smaller deviations is kept. Where they do not agree, the more probable one
+with the smaller deviations is kept; what it differs from the other by, beyond what the
+other has more of a variance (as an efficient estimate does: Hausman 1978), adds to its own. Where they do not agree, the more probable one
 wins. Lines beat levels, since the sound itself was asked of them.
 What loses is no closest approach any more, and the reason says so.
 
 **Conventions.** Rows of one table never compete: they are told apart already. Times
 count from the first sample.
+
+**References.** Hausman (1978), Econometrica 46, 1251: two estimates of one quantity.
 """
 
 from collections.abc import Sequence
@@ -16,8 +19,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from uwtrack_cli.data.base import IntArray
+from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.motion.association import PassageReport, same_vessel
 from uwtrack_cli.motion.decision import OTHER_RESOLUTION, Rejection, reject
 
@@ -26,6 +30,11 @@ DEVIATIONS = 3.0
 
 WIDTHS = 1.0
 """d/v, of the shorter passage, within which two rows claim the same time."""
+
+SLANT = ("time_s", "range_over_speed_s", "speed_mps", "bearing_deg")
+HORIZONTAL = ("time_s", "horizontal_range_over_speed_s", "speed_mps", "bearing_deg")
+RANGES = ("slant_range_m", "horizontal_range_m", "course_deg")
+"""Quantities of both covariances in their order, and others that have a deviation."""
 
 DETERMINED = ("time_std_s", "range_over_speed_std_s", "speed_std_mps")
 """Columns that say how well a passage is determined."""
@@ -82,7 +91,7 @@ def compete(
             winners.append(row)
             losers |= dict(zip(rivals, reasons, strict=True))
         if winners:
-            won = _with_columns_of(other, kept, same)
+            won = _with_those_of(other, kept, same)
             kept = _exchanged(
                 kept, losers, won.take("encounter", np.array(winners)), highest_contact
             )
@@ -98,13 +107,34 @@ def overlaps(one: Encounters, k: int, two: Encounters, n: int) -> bool:
     return bool(abs(one.time_s[k] - two.time_s[n]) < reach)
 
 
-def _with_columns_of(table: Encounters, kept: Encounters, same: dict[int, int]) -> Encounters:
-    """Return rows with contact and levels of the kept rows of the same passages; contact 0."""
+def _with_those_of(table: Encounters, kept: Encounters, same: dict[int, int]) -> Encounters:
+    """Return rows with contact, levels and doubt of the kept rows of the same passages.
+
+    A better analysis of the same sound differs from another by what the other has more of
+    an error: by more, either is wrong by that. Other rows have the contact 0.
+    """
     rows, places = np.array(list(same), np.int64), np.array(list(same.values()), np.int64)
     columns = {name: getattr(table, name).copy() for name in LEVELS}
     columns["contact"] = np.zeros_like(table.contact)
     for name, values in columns.items():
         values[rows] = getattr(kept, name)[places]
+    factor: dict[str, FloatArray] = {}
+    for name in (*SLANT, *HORIZONTAL, *RANGES):
+        std = f"{name.rsplit('_', 1)[0]}_std_{name.rsplit('_', 1)[1]}"
+        if any(getattr(one, name) is None for one in (table, kept)):
+            continue
+        own, other = getattr(table, std)[rows], getattr(kept, std)[places]
+        off = getattr(table, name)[rows] - getattr(kept, name)[places]
+        off = wrap_deg(off) if name.endswith("_deg") else off
+        more = np.nan_to_num(off**2 - np.abs(other**2 - own**2))
+        factor[name] = np.sqrt(1.0 + np.maximum(more, 0.0) / np.where(own > 0.0, own, np.inf) ** 2)
+        columns[std] = getattr(table, std).copy()
+        columns[std][rows] = own * factor[name]
+    for column, names in (("covariance", SLANT), ("horizontal_covariance", HORIZONTAL)):
+        if all(name in factor for name in names) and getattr(table, column) is not None:
+            scale = np.stack([factor[name] for name in names], axis=-1)
+            columns[column] = getattr(table, column).copy()
+            columns[column][rows] *= scale[:, :, None] * scale[:, None]
     return replace(table, **columns)
 
 
