@@ -17,7 +17,7 @@ import numpy as np
 from uwtrack_cli.acoustics.geodesy import Origin, to_grid
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.data.recording import Reader, Recording, Samples, read_segment
+from uwtrack_cli.data.recording import Recording, Samples, read_segment
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError
 
@@ -26,8 +26,8 @@ from uwtrack_cli.errors import DataError
 class RecordersReader:
     """Reads one channel of each of several recordings, from samples of one time on."""
 
-    readers: tuple[Reader, ...]
-    """Readers that can go back."""
+    recordings: tuple[Recording, ...]
+    """The recordings, whose readers can go back."""
     channels: tuple[int, ...]
     """Channel taken of each, from 0."""
     first_samples: tuple[int, ...]
@@ -47,10 +47,11 @@ class RecordersReader:
     def segment(self, first_sample: int, n_samples: int) -> Samples:
         """Read so many samples from one on."""
         parts = [
-            read_segment(reader, first + first_sample, n_samples)[:, channel]
-            for reader, first, channel in zip(
-                self.readers, self.first_samples, self.channels, strict=True
+            read_segment(one.reader, first + first_sample, n_samples)[:, channel]
+            for one, first, channel in zip(
+                self.recordings, self.first_samples, self.channels, strict=True
             )
+            if one.reader is not None
         ]
         return np.stack(parts, axis=1)
 
@@ -93,10 +94,9 @@ def join_recorders(recordings: Sequence[Recording]) -> Recording:
     count = min(one.n_samples - int(n) for one, n in zip(recordings, first, strict=True))
     if count <= 0:
         raise DataError(f"{', '.join(one.name for one in recordings)} have no time in common.")
-    readers = tuple(one.reader for one in recordings if one.reader is not None)
     stds = [one.sensor.clock_std_s for one in recordings]
     reader = RecordersReader(
-        readers,
+        tuple(recordings),
         tuple(_omni(one.sensor) for one in recordings),
         tuple(first.tolist()),
         count,

@@ -79,6 +79,12 @@ class Recording(Container):
         return self.n_samples / self.sample_rate_hz
 
     @property
+    def of_recorders(self) -> tuple["Recording", ...]:
+        """Recordings of several recorders that it is made of, or itself alone."""
+        found: tuple[Recording, ...] = getattr(self.reader, "recordings", (self,))
+        return found
+
+    @property
     def is_live(self) -> bool:
         """Whether the sound is still coming, so that its length is not known."""
         return self.n_samples == UNENDED

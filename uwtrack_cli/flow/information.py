@@ -32,6 +32,8 @@ def product_lines(product: Product) -> Iterator[str]:
         f"{product.created_utc}, schema {product.schema_version}"
     )
     recordings = product.read_all(Recording)
+    read = {source.digest for step in product.history for source in step.sources}
+    recordings = [one for one in recordings if one.digest in read] or recordings
     if len(recordings) == 1:
         yield from _sound_lines(recordings[0])
     elif recordings:

@@ -152,9 +152,14 @@ def run_into_product(  # noqa: PLR0913 (what a run may be given)
     recording = recording.ended()
     if files is not None:
         writer.write(files)
-    for beside in (recording, recording.sensor, *lock_of(recording)):
-        writer.write(beside)
-    writer.history = history_of_graph(graph, sources or [source_of_recording(recording)])
+    recorders = recording.of_recorders
+    for one in (recording, *(one for one in recorders if one is not recording)):
+        writer.write(one)
+        writer.write(one.sensor)
+    for lock in lock_of(recording):
+        writer.write(lock)
+    sources = sources or list(map(source_of_recording, recorders))
+    writer.history = history_of_graph(graph, sources)
     small = [s for s in graph.steps() if s.name in graph.outputs]
     small = [s for s in small if s.stage.output not in PASSING]
     found = [

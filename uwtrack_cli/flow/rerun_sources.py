@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from uwtrack_cli.arrays.recorders import join_recorders
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import Container, IntArray
 from uwtrack_cli.data.encounters import Fixes
@@ -77,6 +78,11 @@ def reopen(
         A source is missing or has changed, or the product does not carry its facts.
     """
     paths = [finder.find(source) for source in step.sources]
+    by_digest = {one.digest: one for one in product.read_all(Recording)}
+    known = [by_digest[one.digest] for one in step.sources if one.digest in by_digest]
+    if len(known) == len(paths) > 1:  # recorders of one clock
+        parts = list(map(_reopen_one, paths, known))
+        return join_recorders(parts), [each for one in parts for each in (one, one.sensor)]
     stored = _stored(product, step)
     joined = [f for f in product.read_all(RecordedFiles) if f.sensor == stored.sensor.id]
     if len(paths) == 1 and not joined:
