@@ -16,7 +16,7 @@ from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.errors import DataError, OptionError, UwtrackError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, UwtrackError, UwtrackNote, UwtrackWarning
 from uwtrack_cli.files.hdf5.layout import CONTAINERS
 from uwtrack_cli.files.tables.container_tables import FORMATS, json_rows, write_table
 from uwtrack_cli.files.tables.navigation import read_navigation
@@ -511,3 +511,13 @@ def test_a_source_that_crosses_north_or_is_passed_is_no_column_of_radians(tmp_pa
         "time_s,bearing_deg\n" + "".join(f"{10 * k},{b:.2f}\n" for k, b in enumerate(bearing))
     )
     assert read_series(path).bearing_deg.size == 60
+
+
+def test_rows_of_one_platform_are_put_in_order_of_time(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("contact,time_s,bearing_deg\n2,5,50\n1,3,30\n1,1,10\n2,4,40\n1,2,20\n")
+    with pytest.warns(UwtrackNote, match=r"t\.csv: the rows are not in order of time: sorted"):
+        series = read_series(path)
+    assert series.contact.tolist() == [1, 1, 1, 2, 2]
+    assert series.bearing_deg.tolist() == [10.0, 20.0, 30.0, 40.0, 50.0]
+    assert series.begin_of(0).endswith("line 4: ")  # where the row stood

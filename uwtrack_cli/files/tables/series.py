@@ -67,6 +67,12 @@ def read_series(path: Path | str, *, sensors: Sequence[Sensor] | None = None) ->
         table = table.rows(kept)
     values = columns_of(table, Series)
     if "sensor" not in table:
+        order = np.lexsort((values["time_s"], values["contact"]))
+        if (order != np.argsort(values["contact"], kind="stable")).any():
+            msg = f"{table.path}: the rows are not in order of time: sorted."
+            warn(msg, UwtrackNote, stacklevel=2)
+            table = table.rows(order)
+            values = columns_of(table, Series)
         check_increasing(table, values["time_s"], values["contact"])
         if sensors:
             raise DataError(
