@@ -69,8 +69,7 @@ def read_series(path: Path | str, *, sensors: Sequence[Sensor] | None = None) ->
     if "sensor" not in table:
         order = np.lexsort((values["time_s"], values["contact"]))
         if (order != np.argsort(values["contact"], kind="stable")).any():
-            msg = f"{table.path}: the rows are not in order of time: sorted."
-            warn(msg, UwtrackNote, stacklevel=2)
+            note(f"{table.path}: the rows are not in order of time: sorted.")
             table = table.rows(order)
             values = columns_of(table, Series)
         check_increasing(table, values["time_s"], values["contact"])
