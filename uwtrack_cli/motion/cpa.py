@@ -254,11 +254,10 @@ def _not_fitted(failed: list[FailedFit]) -> list[Refusal]:
 
 def _bearings_alone(directions: Directions | None) -> Series:
     if directions is None:
-        msg = (
+        raise DataError(
             "closest approaches need lines, levels or a series, got none: run "
             "'uwtrack track' or 'uwtrack levels' first, or give a CSV file."
         )
-        raise DataError(msg)
     return bearing_series(directions)
 
 
@@ -270,12 +269,11 @@ def _check_array(sensor: Sensor | None) -> None:
         kind = "moves" if sensor.element_positions_m else (
             "is a line array, which may move and does not separate port from starboard"
         )  # fmt: skip
-        msg = (
+        raise DataError(
             f"sensor {sensor.id!r} {kind}; a closest approach needs a fixed sensor "
             f"with bearings: take 'uwtrack tma' for range, course and speed (recipe "
             f"towed-array), or --channel."
         )
-        raise DataError(msg)
 
 
 def _name(lines: Lines | None, levels: Levels | None, fringes: Fringes | None) -> str:
@@ -313,11 +311,10 @@ def _check_one_sensor(series: Series | None) -> None:
         return
     names = np.unique(series.sensor).tolist()
     if len(names) > 1:
-        msg = (
+        raise DataError(
             f"the table has rows of {len(names)} sensors ({', '.join(names[:10])}): "
             f"'uwtrack locate' and 'uwtrack tma' take them with --sensors, 'cpa' one."
         )
-        raise DataError(msg)
 
 
 def _from_series(

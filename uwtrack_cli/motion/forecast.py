@@ -86,18 +86,16 @@ def forecast_contact(
     first = max(own.time_s[0], target.time_s[0])
     last = min(own.time_s[-1], target.time_s[-1])
     if not first <= last:
-        msg = (
+        raise DataError(
             f"the two tracks share no time: own platform's lasts from {own.time_s[0]:g} "
             f"to {own.time_s[-1]:g} s, the target's from {target.time_s[0]:g} to "
             f"{target.time_s[-1]:g} s on the same clock."
         )
-        raise DataError(msg)
     if (last - first) / every_s > MOST_ROWS:
-        msg = (
+        raise DataError(
             f"{last - first:g} s at every {every_s:g} s are more than {MOST_ROWS} rows; "
             f"lengthen the interval."
         )
-        raise DataError(msg)
     time_s = np.arange(first, last + 1e-6, every_s)
     here, there = _path(own), _path(target)
     place = np.stack(here.at(time_s))
@@ -125,14 +123,12 @@ def forecast_contact(
 def _on_grid_and_clock(own: Navigation, target: Navigation) -> Navigation:
     """Return the target's way on own grid and clock."""
     if (own.origin_latitude is None) != (target.origin_latitude is None):
-        msg = (
+        raise DataError(
             "one track has latitudes and longitudes and the other metres on a grid: give "
             "both the same way."
         )
-        raise DataError(msg)
     if (own.start_utc_ns is None) != (target.start_utc_ns is None):
-        msg = "one track has UTC times and the other none: give both the same clock."
-        raise DataError(msg)
+        raise DataError("one track has UTC times and the other none: give both the same clock.")
     east, north = target.east_m, target.north_m
     origin, other = _origin(own), _origin(target)
     if origin is not None and other is not None:

@@ -121,27 +121,25 @@ def locate_vessels(  # noqa: PLR0913 (five inputs that may be absent)
     widths, speeds and bearings with the deviations of position, clock and compass.
     """
     if until is not None and every_s is None:
-        msg = f"until ({until}) needs every_s: the interval of the times."
-        raise OptionError(msg)
+        raise OptionError(f"until ({until}) needs every_s: the interval of the times.")
     if series is None and not encounters and directions:
         series = bearings_of_arrays(directions, sensors or [])
     if series is not None:
         if encounters:
-            msg = "positions come from closest approaches or from a table of bearings, got both."
-            raise DataError(msg)
+            raise DataError(
+                "positions come from closest approaches or from a table of bearings, got both."
+            )
         return _cross_fixes(series, at, every_s, until, contact_numbers)
     if not encounters and delays:
         if len(delays) > 1:
-            msg = (
+            raise DataError(
                 f"the delays are of {len(delays)} recordings: positions come from those "
                 f"of one set of recorders, or from the directions of several arrays "
                 f"('uwtrack directions' of each first)."
             )
-            raise DataError(msg)
         return _fixes_of_delays(delays[0], sensors or [], at, every_s, until)
     if encounters is None:
-        msg = "positions need closest approaches, or a table of bearings with sensors."
-        raise DataError(msg)
+        raise DataError("positions need closest approaches, or a table of bearings with sensors.")
     return _fixes_of_passages(
         gather_passages(encounters, sensors or []), gate_probability, at, every_s, until
     )
@@ -192,11 +190,10 @@ def _cross_fixes(
 ) -> Fixes:
     """Locate the contacts of a table of sensors, where their range is determined."""
     if series.sensor is None:
-        msg = (
+        raise DataError(
             "the table has no column sensor: positions need bearings of several "
             "sensors; 'uwtrack tma' finds the motion for one platform."
         )
-        raise DataError(msg)
     check_sensors(series)
     options = TmaOptions(
         nuisances=NuisanceDeviations(
@@ -257,12 +254,11 @@ def _fixes_of_delays(
     """Locate the source of the delays between synchronised recorders."""
     sensor = next((one for one in sensors if one.id == delays.sensor), None)
     if sensor is None or delays.clock_std_s is None:
-        msg = (
+        raise DataError(
             "positions need delays between recorders at several places, measured as "
             "'uwtrack delays A.wav B.wav C.wav'; those of one array give its directions: "
             "'uwtrack directions'."
         )
-        raise DataError(msg)
     ways = fit_time_differences(delays, sensor)
     ends = np.array([delays.time_s.min(), delays.time_s.max()])
     times = fix_times(ends, delays.start_utc_ns, at, every_s, until)
@@ -387,11 +383,10 @@ def fix_times(
         end = parse_time(until, start_utc_ns) if until is not None else last
         count = int(np.floor(max(end - first, 0.0) / every_s)) + 1
         if count > MOST_TIMES:
-            msg = (
+            raise OptionError(
                 f"every_s {every_s} until {until} makes {count} times; at most "
                 f"{MOST_TIMES} are accepted."
             )
-            raise OptionError(msg)
         wanted += [first + every_s * number for number in range(count)]
     return np.unique(np.array(wanted or approach_s, float))
 
@@ -409,26 +404,23 @@ def parse_time(text: str, start_utc_ns: int | None) -> float:
         seconds = float(text)
     if seconds is not None:
         if not abs(seconds) <= FARTHEST_S:
-            msg = (
+            raise OptionError(
                 f"the time {text} is no number of seconds within {FARTHEST_S:g} of the "
                 f"first sample."
             )
-            raise OptionError(msg)
         return seconds
     try:
         moment = datetime.fromisoformat(text)
     except ValueError as error:
-        msg = (
+        raise OptionError(
             f"cannot read the time {text!r}: give UTC such as 2026-01-31T12:00:00Z "
             "or seconds from the first sample."
-        )
-        raise OptionError(msg) from error
+        ) from error
     if start_utc_ns is None:
-        msg = (
+        raise DataError(
             f"the time {text!r} is UTC, but the recording has no start time: give "
             "seconds from the first sample, or run again with --start-utc."
         )
-        raise DataError(msg)
     if moment.tzinfo is None:
         moment = moment.replace(tzinfo=UTC)
     since = moment - datetime(1970, 1, 1, tzinfo=UTC)

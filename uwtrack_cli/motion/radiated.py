@@ -179,12 +179,11 @@ def _levels_of(passage: _Passage, levels: list[Decidecades]) -> Decidecades:
     for one in levels:
         if passage.is_in(one):
             return one
-    msg = (
+    raise DataError(
         f"there are no levels in decidecade bands of sensor {passage.sensor!r} for its "
         f"contact {passage.contact}; they are of: "
         f"{', '.join(sorted({one.sensor for one in levels}))}."
     )
-    raise DataError(msg)
 
 
 def _bands(

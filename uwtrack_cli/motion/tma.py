@@ -246,15 +246,15 @@ def _prior(
 def _check_sensor_options(navigation: Navigation | None, solver: str) -> None:
     """Refuse what a table of several sensors cannot be combined with."""
     if navigation is not None:
-        msg = (
+        raise OptionError(
             "the table names its sensors, and --own-ship is the way of one platform: "
             "leave one of the two out; a sensor's way is the navigation of the sensor "
             "file."
         )
-        raise OptionError(msg)
     if solver == "recursive":
-        msg = "solver 'recursive' follows one platform; a table of sensors takes 'mle'."
-        raise OptionError(msg)
+        raise OptionError(
+            "solver 'recursive' follows one platform; a table of sensors takes 'mle'."
+        )
 
 
 def _deviations(
@@ -298,12 +298,11 @@ def _array_navigation(
     """Return the way of the array itself; None for one that nobody placed."""
     own = None if sensor is None else sensor.navigation
     if given is not None and (own is None or not given.equals(own)):
-        msg = (
+        raise DataError(
             "these lines are of an array whose own track is in the file; the ship's "
             "would be wrong by the length of the tow. Leave out --own-ship here, "
             "or give it to 'uwtrack beamform'."
         )
-        raise DataError(msg)
     if np.isnan(record.heading_deg).any() or np.isnan(record.east_m).any():
         return None
     return Navigation(
@@ -319,18 +318,16 @@ def _bounce(series: Series | None, sensor: Sensor | None, given: BounceGeometry)
     late = None if series is None else series.bounce_delay_s
     if late is None or np.isnan(late).all():
         if given != DEFAULT_BOUNCE:
-            msg = (
+            raise OptionError(
                 "--bounce options are for delays of a reflected path, and there is no "
                 "column bounce_delay_s."
             )
-            raise OptionError(msg)
         return None
     if series is not None and series.sensor is not None:
-        msg = (
+        raise DataError(
             "bounce_delay_s is of one platform, and the table names its sensors: leave "
             "out one of the two columns."
         )
-        raise DataError(msg)
     return bounce_of(given, sensor)
 
 
@@ -353,19 +350,17 @@ def _contacts(
         warn(msg, UwtrackNote, stacklevel=4)
     if (series is None) == (lines is None) and not (is_array and series is not None):
         found = "neither" if series is None else "both"
-        msg = (
+        raise DataError(
             f"target motion needs either a table of bearings and frequencies or "
             f"tracked lines, got {found}; make lines with 'uwtrack track' or "
             f"'uwtrack trace', or directions with 'uwtrack directions', which are taken "
             f"where there are neither."
         )
-        raise DataError(msg)
     contacts = [] if lines is None else measurements_from_lines(lines)
     if series is None:
         return contacts
     if series.time_s.size == 0 and lines is None and not is_array:
-        msg = "the table of bearings and frequencies has no rows."
-        raise DataError(msg)
+        raise DataError("the table of bearings and frequencies has no rows.")
     known = {one.contact for one in contacts}
     told = measurements_from_series(series)
     return contacts + [one for one in told if one.contact not in known]

@@ -114,8 +114,7 @@ def make_grid(sensors: list[Sensor], wanted: set[str]) -> Grid:
         name = next(iter(wanted), "sensor")
         return Grid(f"sensor {name}", None, {name: (0.0, 0.0)})
     if missing:
-        msg = f"no sensor file for {', '.join(sorted(missing))}: give one with its id."
-        raise DataError(msg)
+        raise DataError(f"no sensor file for {', '.join(sorted(missing))}: give one with its id.")
     if all(s.latitude is not None and s.longitude is not None for s in used):
         origin = Origin(float(used[0].latitude or 0), float(used[0].longitude or 0))
         place = {
@@ -125,11 +124,10 @@ def make_grid(sensors: list[Sensor], wanted: set[str]) -> Grid:
     if all(s.east_m is not None and s.north_m is not None for s in used):
         place = {s.id: (float(s.east_m or 0), float(s.north_m or 0)) for s in used}
         return Grid("grid", None, place)
-    msg = (
+    raise DataError(
         "the sensors need positions of one kind: latitude and longitude, or east_m "
         "and north_m, for every sensor."
     )
-    raise DataError(msg)
 
 
 def _at_origin(sensor: Sensor) -> Sensor:
@@ -344,11 +342,10 @@ def bearings_of_arrays(directions: list[Directions], sensors: list[Sensor]) -> S
     grid = make_grid(sensors, set(names))
     sides = [one.sensor for one in directions if one.ambiguity == "plane"]
     if sides:
-        msg = (
+        raise DataError(
             f"array {sides[0]} does not tell one side of its plane from the other: its "
             f"directions are not joined with those of others."
         )
-        raise DataError(msg)
     starts = [one.start_utc_ns for one in directions]
     told = [start for start in starts if start is not None]
     if told and len(told) < len(starts):

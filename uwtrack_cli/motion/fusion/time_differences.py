@@ -93,11 +93,10 @@ def fit_time_differences(delays: Delays, sensor: Sensor) -> list[SourceWay]:
     known = {name: n for n, name in enumerate(names)}
     used = sorted({*delays.channel_a.tolist(), *delays.channel_b.tolist()})
     if len(used) < 3 or delays.delay_s.size < FEWEST_DELAYS:
-        msg = (
+        raise DataError(
             f"{delays.delay_s.size} delays between {', '.join(used) or 'no recorders'} "
             f"do not place a source: three recorders that hear it are needed."
         )
-        raise DataError(msg)
     middle_s = float(0.5 * (delays.time_s.min() + delays.time_s.max()))
     # pairs repeat each other: N recorders have N - 1 delays that are independent
     repeats = len(used) * (len(used) - 1) / 2.0 / (len(used) - 1)

@@ -90,11 +90,10 @@ def bounce_of(given: BounceGeometry, sensor: Sensor | None) -> Bounce:
     if depth_std_m is None:
         depth_std_m = SENSOR_DEPTH_STD_M
     if depth_m is None:
-        msg = (
+        raise OptionError(
             "bounce_delay_s tells a range only with the depth of the sensor: give "
             "--bounce-sensor-depth-m, or depth_m in the sensor file."
         )
-        raise OptionError(msg)
     source_m = given.source_depth_m
     stds = [depth_std_m, given.source_depth_std_m]
     words = f"sensor at {depth_m:g} m, source at {source_m:g} m"
@@ -105,22 +104,20 @@ def bounce_of(given: BounceGeometry, sensor: Sensor | None) -> Bounce:
         water_std = 0.0
     else:
         if given.water_depth_m is None:
-            msg = (
+            raise OptionError(
                 "bounce_delay_s of the bottom tells a range only with the depth of the "
                 "water: give --bounce-water-depth-m, or --bounce-path surface for "
                 "delays of the surface."
             )
-            raise OptionError(msg)
         away = given.water_depth_m - np.array([depth_m, source_m])
         told = given.water_depth_std_m
         water_std = _charted_std_m(given.water_depth_m) if told is None else told
         words = f"water of {given.water_depth_m:g} m within {water_std:.2g} m, {words}"
     if away.min() <= 0.0:
-        msg = (
+        raise OptionError(
             f"no path is reflected by the {given.path}: {words}. Sensor and source must lie "
             f"between surface and bottom."
         )
-        raise OptionError(msg)
     parts = [*(np.array(stds) / away), water_std * float((1.0 / away).sum())]
     return Bounce(
         sensor_m=float(away[0]),

@@ -517,12 +517,11 @@ def _check_delays(
     longest_s = bounce.most_m / sound_speed_mps
     middle_s = float(np.nanmedian(delay_s))
     if middle_s > longest_s * (1.0 + 5.0 * bounce.relative_std):
-        msg = (
+        raise DataError(
             f"{data.begin_of(~np.isnan(delay_s))}bounce_delay_s is about {middle_s:.3g} s, "
             f"and no {bounce.words} is later than {longest_s:.3g} s: are the delays in "
             f"seconds, and of this path?"
         )
-        raise DataError(msg)
 
 
 OWN_COURSE_RAD = np.radians(3.0)
@@ -591,11 +590,10 @@ def _filled(
         scatter = np.where(np.isnan(scatter), np.median(told) if told.size else np.nan, scatter)
     if not np.all(scatter[streams] > 0):
         option_too = "" if name == "bounce_delay_std_s" else " or an option"
-        msg = (
+        raise DataError(
             f"a deviation cannot be estimated from {np.count_nonzero(missing)} "
             f"values that state none: give {name} as a column{option_too}."
         )
-        raise DataError(msg)
     return np.where(missing, scatter[:, np.newaxis], std)
 
 
@@ -619,18 +617,16 @@ def _array_heading(
         return None
     if options.array_heading == "course":
         if path.time_s.size < 2:
-            msg = "array_heading 'course' needs navigation: own ship has no course."
-            raise DataError(msg)
+            raise DataError("array_heading 'course' needs navigation: own ship has no course.")
         return path.course_at(time_s, interval_s)
     heading = path.heading_at(time_s)
     if np.isnan(heading).any() and options.fixed_heading_deg is not None:
         heading = np.full(time_s.size, np.radians(options.fixed_heading_deg))
     if np.isnan(heading).any():
-        msg = (
+        raise DataError(
             "array_heading 'heading' needs a column heading_deg in the navigation, or "
             "a sensor with a heading."
         )
-        raise DataError(msg)
     return heading
 
 

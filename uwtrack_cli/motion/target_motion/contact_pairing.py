@@ -406,8 +406,7 @@ class _Evidence:
         problem = build_problem(data, self._options)
         options, platforms = self._options, data.platforms
         if platforms is None:
-            msg = "contacts are paired where the places of their sensors are known"
-            raise TypeError(msg)
+            raise TypeError("contacts are paired where the places of their sensors are known")
         std = platforms.compass_std_deg
         if options.compass_std_deg is not None:
             std = np.full(std.shape, options.compass_std_deg)

@@ -144,8 +144,7 @@ def _at_times(
     """Carry a mode to the times: the covariance grows with the lag; None without one."""
     platforms = answer.data.platforms
     if platforms is None:
-        msg = "fixes are of sensors whose places are known"
-        raise TypeError(msg)
+        raise TypeError("fixes are of sensors whose places are known")
     lags = times - answer.data.time_s[0]
     if len(mode.legs) > 1:
         pairs = [grid_state(mode, platforms, float(lag)) for lag in lags]

@@ -154,12 +154,11 @@ def check_sensors(series: Series) -> None:
     if series.sensor is None or series.sensor_east_m is not None:
         return
     names = ", ".join(np.unique(series.sensor).tolist()[:10])
-    msg = (
+    raise DataError(
         f"{series.begin_of(0)}the table names its sensors ({names}), but not where they "
         f"are: give "
         f"--sensors SENSORS.toml, or columns sensor_latitude and sensor_longitude."
     )
-    raise DataError(msg)
 
 
 def _platforms(series: Series, rows: IntArray) -> Platforms | None:
@@ -221,12 +220,11 @@ def measurements_from_lines(lines: Lines) -> list[Measurements]:
         windows_s = np.unique(lines.point_window_s[points])
         if windows_s.size > 1:
             lengths = ", ".join(f"{window_s:g}" for window_s in windows_s)
-            msg = (
+            raise DataError(
                 f"contact {contact} has points of frames of {lengths} s, and target "
                 "motion is estimated from one length: name the step of one rung with "
                 "--step ('uwtrack info' lists the steps)."
             )
-            raise DataError(msg)
         time, row = np.unique(lines.time_s[points], return_inverse=True)
         line = np.searchsorted(np.sort(ids), lines.line[points])
 
@@ -268,18 +266,16 @@ def check_measurements(data: Measurements) -> None:
     """
     who = f"contact {data.contact}"
     if data.time_s.size == 0:
-        msg = f"{who} has neither bearings nor frequencies."
-        raise DataError(msg)
+        raise DataError(f"{who} has neither bearings nor frequencies.")
     steps = np.diff(data.time_s)
     is_behind = ~(steps >= 0) if data.platforms is not None else ~(steps > 0)
     if np.any(is_behind):
         row = int(np.flatnonzero(is_behind)[0])
         at = data.begin_of(np.arange(data.time_s.size) == row + 1)
-        msg = (
+        raise DataError(
             f"{at}{who} has more than one row at {data.time_s[row]:g} s: give each "
             f"contact its own number in a column 'contact'."
         )
-        raise DataError(msg)
     _check_bearings(data, who)
     _check_frequencies(data, who)
 
@@ -291,10 +287,9 @@ def _check_bearings(data: Measurements, who: str) -> None:
     is_far = (bearing < -360.0) | (bearing > 720.0)
     if np.any(is_far):
         worst = bearing.T[is_far.T][0]
-        msg = (
+        raise DataError(
             f"{data.begin_of(is_far)}a bearing of {who} is {worst:g} degrees; 0 to 360 is accepted."
         )
-        raise DataError(msg)
     _check_positive(data, std, f"bearing_std_deg of {who}")
     for stream in range(len(bearing)):
         of = "" if data.platforms is None else f" by {data.platforms.name[stream]}"
@@ -313,12 +308,11 @@ def _check_degrees(bearing: FloatArray, std: FloatArray, which: str) -> None:
     # as degrees, the scatter of radians falls short of its deviation 57-fold
     too_smooth = stated.size > 0 and 0.0 < scatter < np.median(stated) / 25.0
     if small_std or too_smooth:
-        msg = (
+        raise DataError(
             f"{which} lie between {heard.min():.3g} and {heard.max():.3g} with a "
             f"scatter of {scatter:.2g} and a deviation of {np.median(stated):.2g}: they "
             f"seem to be radians; degrees are accepted."
         )
-        raise DataError(msg)
 
 
 def _check_frequencies(data: Measurements, who: str) -> None:
@@ -328,26 +322,23 @@ def _check_frequencies(data: Measurements, who: str) -> None:
         if np.any(values <= 0):
             at = data.begin_of(values <= 0)
             low = values[values <= 0][0]
-            msg = f"{at}line {line} of {who} has a frequency of {low:g} Hz."
-            raise DataError(msg)
+            raise DataError(f"{at}line {line} of {who} has a frequency of {low:g} Hz.")
         if heard.size < FEWEST_VALUES:
             continue
         low, middle, high = np.percentile(heard, [25.0, 50.0, 75.0])
         if (high - low) / middle > 0.1:
             at = data.begin_of(~np.isnan(values))
-            msg = (
+            raise DataError(
                 f"{at}half of the values of line {line} of {who} spread over {high - low:.3g} "
                 f"Hz about {middle:.4g} Hz, more than the Doppler shift of any vessel: does the column hold several lines?"
             )
-            raise DataError(msg)
 
 
 def _check_positive(data: Measurements, std: FloatArray, name: str) -> None:
     wrong = ~np.isnan(std) & ~(std > 0)
     if np.any(wrong):
         at = data.begin_of(wrong)
-        msg = f"{at}{name} must be positive, got {std.T[wrong.T][0]:g}."
-        raise DataError(msg)
+        raise DataError(f"{at}{name} must be positive, got {std.T[wrong.T][0]:g}.")
 
 
 def own_path(navigation: Navigation | None, data: Measurements) -> OwnPath:
@@ -385,28 +376,25 @@ def sensor_paths(data: Measurements, platforms: Platforms) -> list[OwnPath]:
 def _check_navigation(time: FloatArray, navigation: Navigation, data: Measurements) -> None:
     steps = np.diff(time)
     if time.size == 0 or np.any(~(steps > 0)):
-        msg = "the times of the navigation must increase from row to row."
-        raise DataError(msg)
+        raise DataError("the times of the navigation must increase from row to row.")
     first, last = float(data.time_s[0]), float(data.time_s[-1])
     slack = _extrapolation(steps, data.time_s)
     if first < time[0] - slack or last > time[-1] + slack:
-        msg = (
+        raise DataError(
             f"the navigation covers {time[0]:.6g} to {time[-1]:.6g} s, but contact "
             f"{data.contact} was measured from {first:.6g} to {last:.6g} s: do both "
             f"count from the same start (give both time_utc, or one clock)? The last "
             f"leg needs a row at its end."
         )
-        raise DataError(msg)
     if time.size < 2:
         return
     speed = np.hypot(np.diff(navigation.east_m), np.diff(navigation.north_m)) / steps
     if np.median(speed) > 40.0:
-        msg = (
+        raise DataError(
             f"own ship moves at {np.median(speed):.3g} m/s by its navigation; ships "
             f"stay below 40 m/s. Are the positions in metres and the speeds in the "
             f"unit of their column (speed_mps or speed_kn)?"
         )
-        raise DataError(msg)
 
 
 def _extrapolation(steps: FloatArray, measured_s: FloatArray) -> float:

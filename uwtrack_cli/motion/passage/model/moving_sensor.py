@@ -85,11 +85,10 @@ def sensor_motion(
         known_s = known_s + (navigation.start_utc_ns - start_utc_ns) / NANOSECONDS
     if known_s.size == 0 or not known_s[0] <= time_s <= known_s[-1]:
         covered = f"{known_s[0]:.6g} to {known_s[-1]:.6g} s" if known_s.size else "none"
-        msg = (
+        raise DataError(
             f"the navigation of the sensor covers {covered}, but a closest approach is "
             f"at {time_s:.6g} s: do both count from the same start (give both UTC)?"
         )
-        raise DataError(msg)
     reach = WIDTHS * width_s
     low, high = max(known_s[0], time_s - reach), min(known_s[-1], time_s + reach)
     wanted = np.unique(np.append(np.linspace(low, high, 61), time_s))

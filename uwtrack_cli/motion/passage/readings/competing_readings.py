@@ -594,8 +594,7 @@ def _fitted(theta: FloatArray, change: Change, fit: PassageFit, blocks: Blocks) 
 def _change(fit: PassageFit) -> Change:
     """Return what changed in a fit of a change."""
     if fit.change is None:
-        msg = "a straight passage has no change"
-        raise ValueError(msg)
+        raise ValueError("a straight passage has no change")
     return fit.change
 
 
