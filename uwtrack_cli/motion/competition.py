@@ -36,6 +36,10 @@ HORIZONTAL = ("time_s", "horizontal_range_over_speed_s", "speed_mps", "bearing_d
 RANGES = ("slant_range_m", "horizontal_range_m", "course_deg")
 """Quantities of both covariances in their order, and others that have a deviation."""
 
+SAME_LINE_HZ = 0.5
+"""Difference of rest frequencies up to which a line is one in frames of two lengths: half of
+what frames of a second resolve."""
+
 DETERMINED = ("time_std_s", "range_over_speed_std_s", "speed_std_mps")
 """Columns that say how well a passage is determined."""
 
@@ -108,7 +112,7 @@ def overlaps(one: Encounters, k: int, two: Encounters, n: int) -> bool:
 
 
 def _with_those_of(table: Encounters, kept: Encounters, same: dict[int, int]) -> Encounters:
-    """Return rows with contact, levels and doubt of the kept rows of the same passages.
+    """Return rows with contact, lines, levels and doubt of the kept rows of the same passages.
 
     A better analysis of the same sound differs from another by what the other has more of
     an error: by more, either is wrong by that. Other rows have the contact 0.
@@ -118,6 +122,13 @@ def _with_those_of(table: Encounters, kept: Encounters, same: dict[int, int]) ->
     columns["contact"] = np.zeros_like(table.contact)
     for name, values in columns.items():
         values[rows] = getattr(kept, name)[places]
+    columns["rest_line_id"] = table.rest_line_id.copy()
+    for row, place in same.items():
+        own, other = table.rest_encounter == row, kept.rest_encounter == place
+        if other.any():
+            off_hz = np.abs(table.rest_frequency_hz[own, None] - kept.rest_frequency_hz[other])
+            lines = kept.rest_line_id[other][off_hz.argmin(axis=1)]
+            columns["rest_line_id"][own] = np.where(off_hz.min(axis=1) < SAME_LINE_HZ, lines, 0)
     factor: dict[str, FloatArray] = {}
     for name in (*SLANT, *HORIZONTAL, *RANGES):
         std = f"{name.rsplit('_', 1)[0]}_std_{name.rsplit('_', 1)[1]}"
