@@ -215,7 +215,7 @@ RATES: tuple[Rate, ...] = (
     _at_least("two vessels: found of due", found(("two-vessels",)), ("two-vessels",), 0.98, 0.98, DECISION),
     _at_least("harder: found", found(("harder",)), ("harder",), 0.98, 0.98, "specification, decision 3a"),
     _at_least("ships: found", found(("ships",)), ("ships",), 0.98, 0.98, DECISION),
-    _at_least("ships: speed given", with_speed(("ships",)), ("ships",), 0.98, 0.98, DECISION),
+    _at_least("ships: speed given", with_speed(("ships",)), ("ships",), 0.95, 0.98, DECISION),
     _at_least("vehicles: found", found(("vehicles",)), ("vehicles",), 0.9, 0.9, DECISION),
     _at_least("vehicles: speed given", with_speed(("vehicles",)), ("vehicles",), 0.12, 0.9, DECISION),
     _at_most("drawn: wrong sides", wrong_sides(DRAWN), DRAWN, 0.0, 0.0, MOTION),
