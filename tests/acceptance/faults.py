@@ -65,7 +65,7 @@ FAULTS = (
     Fault("sides swapped", ROWS, "row.side = side_of_vessel(turn)",
           "row.side = side_of_vessel(-turn)", (("harder", "overhead 381503"),)),
     Fault("levels left out of cpa", "pipelines/auto.toml",
-          '[cpa]\ninput = ["track", "levels"]', '[cpa]\ninput = ["track"]',
+          '[cpa]\ninput = ["track", "levels",', '[cpa]\ninput = ["track",',
           (("quiet", "quiet 381407"),)),
     Fault("frames of a tenth of a second dropped", "pipelines/auto.toml",
           'input = ["cpa", "long-cpa", "transients", "track", "long-lines", "levels"]',

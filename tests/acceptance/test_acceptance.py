@@ -3,6 +3,7 @@
 import pytest
 
 from tests.acceptance.comparison import differences
+from tests.acceptance.faults import FAULTS, ROOT
 from tests.acceptance.parts import PARTS, SHORT
 from tests.acceptance.rates import held
 from tests.acceptance.running import FROZEN, load, run_all
@@ -16,6 +17,16 @@ def test_a_case_is_as_good_as_frozen(part, name):
     ((_, now),) = run_all({(part, name): case}, processes=0)
     frozen = load(FROZEN, part)["cases"]
     assert list(differences({name: frozen[name]}, {name: now})) == []
+
+
+def test_every_fault_can_be_planted():
+    """One whose text has changed is seen by nobody."""
+    stale = [
+        fault.name
+        for fault in FAULTS
+        if (ROOT / fault.path).read_text(encoding="utf-8").count(fault.old) != 1
+    ]
+    assert stale == []
 
 
 @pytest.mark.acceptance
