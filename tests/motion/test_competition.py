@@ -57,6 +57,19 @@ def test_a_sharper_row_takes_the_levels_of_the_one_that_it_agrees_with():
     assert table.contact.tolist() == [1]
 
 
+def test_covariances_grow_with_the_deviations():
+    """0.5 s apart, of deviations that explain 0.3 s: the correlation stays."""
+    matrix = np.full((4, 4), np.nan)
+    matrix[:2, :2] = [[0.04, 0.01], [0.01, 0.04]]
+    first = SLOW | {"time_s": 100.5, "time_std_s": np.hypot(0.2, 0.3), "bearing_deg": 10.0}
+    sharp = replace(encounters_of(SLOW | {"bearing_deg": 10.0}), covariance=matrix[None])
+    table = compete(encounters_of(first), [sharp], keeps_first=True)
+    assert table.time_std_s[0] == pytest.approx(np.sqrt(0.04 + 0.25 - 0.09))
+    found = table.covariance[0]
+    assert np.sqrt(found[0, 0]) == pytest.approx(table.time_std_s[0])
+    assert found[0, 1] / np.sqrt(found[0, 0] * found[1, 1]) == pytest.approx(0.25)
+
+
 def test_two_rows_of_one_sound_that_differ_by_more_than_they_may_are_both_doubted():
     """By two estimates whose errors were drawn: the better one is part of the other."""
     rng = np.random.default_rng(3)

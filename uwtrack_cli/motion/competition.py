@@ -3,9 +3,10 @@
 **Method.** Frames of different lengths see one passage, each in its own way: tables of
 closest approaches are added one after the other, and a row competes with those of the
 tables before it that claim the same time. Rows that agree are one passage, and the one
-with the smaller deviations is kept; what it differs from the other by, beyond what the
-other has more of a variance (as an efficient estimate does: Hausman 1978), adds to its own. Where they do not agree, the more probable one
-wins. Lines beat levels, since the sound itself was asked of them.
+with the smaller deviations is kept. The difference of an efficient estimate from another
+one of the same data has the variance by which both differ (Hausman 1978); a larger
+difference adds to the variance of what is kept. Where they do not agree, the more probable
+one wins. Lines beat levels, since the sound itself was asked of them.
 What loses is no closest approach any more, and the reason says so.
 
 **Conventions.** Rows of one table never compete: they are told apart already. Times
@@ -16,6 +17,7 @@ count from the first sample.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -112,10 +114,10 @@ def overlaps(one: Encounters, k: int, two: Encounters, n: int) -> bool:
 
 
 def _with_those_of(table: Encounters, kept: Encounters, same: dict[int, int]) -> Encounters:
-    """Return rows with contact, lines, levels and doubt of the kept rows of the same passages.
+    """Return rows with contact, lines and levels of the kept rows of the same passages.
 
-    A better analysis of the same sound differs from another by what the other has more of
-    an error: by more, either is wrong by that. Other rows have the contact 0.
+    ``same`` has the kept row of each row of the table that is the same passage. Other rows
+    have the contact 0. Deviations grow by how far both rows are apart.
     """
     rows, places = np.array(list(same), np.int64), np.array(list(same.values()), np.int64)
     columns = {name: getattr(table, name).copy() for name in LEVELS}
@@ -129,16 +131,24 @@ def _with_those_of(table: Encounters, kept: Encounters, same: dict[int, int]) ->
             off_hz = np.abs(table.rest_frequency_hz[own, None] - kept.rest_frequency_hz[other])
             lines = kept.rest_line_id[other][off_hz.argmin(axis=1)]
             columns["rest_line_id"][own] = np.where(off_hz.min(axis=1) < SAME_LINE_HZ, lines, 0)
+    return _widened(replace(table, **columns), kept, rows, places)
+
+
+def _widened(table: Encounters, kept: Encounters, rows: IntArray, places: IntArray) -> Encounters:
+    """Return rows whose deviations hold how far the kept rows in their places are off."""
+    columns: dict[str, Any] = {}
     factor: dict[str, FloatArray] = {}
-    for name in (*SLANT, *HORIZONTAL, *RANGES):
-        std = f"{name.rsplit('_', 1)[0]}_std_{name.rsplit('_', 1)[1]}"
-        if any(getattr(one, name) is None for one in (table, kept)):
+    for name in dict.fromkeys((*SLANT, *HORIZONTAL, *RANGES)):
+        quantity, unit = name.rsplit("_", 1)
+        std = f"{quantity}_std_{unit}"
+        if getattr(table, name) is None or getattr(kept, name) is None:
             continue
         own, other = getattr(table, std)[rows], getattr(kept, std)[places]
         off = getattr(table, name)[rows] - getattr(kept, name)[places]
-        off = wrap_deg(off) if name.endswith("_deg") else off
-        more = np.nan_to_num(off**2 - np.abs(other**2 - own**2))
-        factor[name] = np.sqrt(1.0 + np.maximum(more, 0.0) / np.where(own > 0.0, own, np.inf) ** 2)
+        off = wrap_deg(off) if unit == "deg" else off
+        # either may be the efficient one in a single quantity
+        more = np.maximum(np.nan_to_num(off**2 - np.abs(other**2 - own**2)), 0.0)
+        factor[name] = np.sqrt(1.0 + more / np.where(own > 0.0, own, np.inf) ** 2)
         columns[std] = getattr(table, std).copy()
         columns[std][rows] = own * factor[name]
     for column, names in (("covariance", SLANT), ("horizontal_covariance", HORIZONTAL)):

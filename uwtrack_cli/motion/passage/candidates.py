@@ -43,10 +43,10 @@ from uwtrack_cli.motion.decision import (
 from uwtrack_cli.motion.passage.failed_fits import attempted
 from uwtrack_cli.motion.passage.fit.estimator import (
     PassageFit,
+    correct_frequencies,
     fit_passage,
     fit_with_coloured_noise,
     level_misfit,
-    of_the_source,
     take_rows,
 )
 from uwtrack_cli.motion.passage.fit.initial_estimates import find_initial_estimates
@@ -375,12 +375,12 @@ def _fit_from(
     short = condense(data, float(theta[0, 0]), float(width))
     blocks = make_blocks(short)
     white = fit_passage(blocks, theta, turn, medium)
-    blocks = of_the_source(blocks, white)
+    blocks = correct_frequencies(blocks, white)
     fit = fit_with_coloured_noise(white, blocks)
     # lines that jitter pull a fit of white noise off the levels: ask the better one
     if _is_misfit(white, blocks) and _is_misfit(fit, blocks):
         short = replace(short, level_db=np.full_like(short.level_db, np.nan))
-        blocks = of_the_source(make_blocks(short), fit)
+        blocks = correct_frequencies(make_blocks(short), fit)
         fit = fit_passage(blocks, fit.theta, fit.turn, medium)
         fit = fit_with_coloured_noise(fit, blocks)
     likelihood_ratio = passage_likelihood_ratio(

@@ -202,8 +202,8 @@ def fit_passage(
     return _result(theta, data, (blocks, medium), (state, noises, normal))
 
 
-def of_the_source(blocks: Blocks, fit: PassageFit) -> Blocks:
-    """Return measurements whose frequencies are those of the source at the middle of frames.
+def correct_frequencies(blocks: Blocks, fit: PassageFit) -> Blocks:
+    """Return measurements without what frames and the surface image do to frequencies.
 
     A frame's frequency is a mean over its length, and lies inside the bend of the law. With
     its image in the surface, a source has the phase of one between both, which is farther
@@ -377,7 +377,7 @@ def fit_with_coloured_noise(fit: PassageFit, blocks: Blocks, *, rounds: int = 2)
             data = replace(data, losses=losses)
         if number >= 0:
             slow, losses = coloured_noises(theta, state, data, blocks, medium, patterns)
-            if losses == NO_LOSS:
+            if all(loss is None for loss in losses):
                 return fit
         data = weigh(state, weight, blocks, fixed, losses)
         theta, normal = _descend(theta, data, medium, state.law, 15)

@@ -45,6 +45,9 @@ fades, and the rest is too loud."""
 REFLECTIONS, THEIR_WEIGHTS = (0.0, 0.6, 0.95), (0.25, 0.25, 0.5)
 """Strengths of the surface image over the direct sound, and how likely each is."""
 
+ENDS = (0.25, 0.5, 0.25)
+"""Weights of the depths as they are told and a deviation of the scale to either side."""
+
 SCALE_STD, LARGEST_SCALE_STD = 0.3, 1.0
 """Deviation of the logarithm of the range at which the image becomes strong, beside that
 of the depths, and at most."""
@@ -85,6 +88,13 @@ class SurfaceImage:
     std: float
     """Deviation of its logarithm."""
 
+    def _cases(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return reflection, product of the depths and weight of each, shape (cases, 1, 1)."""
+        scale = np.exp(self.std * np.array([-1.0, 0.0, 1.0]))
+        parts = *np.meshgrid(REFLECTIONS, self.depths_m2 * scale), np.outer(ENDS, THEIR_WEIGHTS)
+        reflection, product, weight = (part.reshape(-1, 1, 1) for part in parts)
+        return reflection, product, weight
+
     def laws(self, log_range: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return level, partial by ln of the range, and weight of everything it may be.
 
@@ -103,11 +113,7 @@ class SurfaceImage:
         The power of 1/R - g exp(i k (R2 - R)) / R2 with R2^2 = R^2 + 4 z_s z_r; the
         cosine of the phase p by its mean over the depths, cos(p) exp(-(s p)^2 / 2).
         """
-        scale = np.exp(self.std * np.array([-1.0, 0.0, 1.0]))
-        reflection, product = (
-            part.reshape(-1, 1, 1) for part in np.meshgrid(REFLECTIONS, self.depths_m2 * scale)
-        )
-        weight = np.outer([0.25, 0.5, 0.25], THEIR_WEIGHTS).ravel()
+        reflection, product, weight = self._cases()
         near = np.exp(log_range)
         far = np.sqrt(near**2 + 4.0 * product)
         ratio = near / far
@@ -120,7 +126,7 @@ class SurfaceImage:
         bend = 1.0 - ratio**2
         slope = 2.0 * both**2 * bend
         slope = slope - 2.0 * both * (bend * cosine - by_phase * ratio * phase)
-        return np.log(power) - 2.0 * log_range, slope / power - 2.0, weight
+        return np.log(power) - 2.0 * log_range, slope / power - 2.0, weight.ravel()
 
     def shifts(self, log_range: FloatArray, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what the image does to frequencies, and what is not known of it.
@@ -143,13 +149,10 @@ class SurfaceImage:
         Notes
         -----
         With 1 - z = 1 - g (R / R2) exp(-i k (R2 - R)), the phase of the direct sound is
-        changed by a = arg(1 - z), and f/f0 by -(f/f0 - 1) (da / d ln R) / (k R).
+        changed by a = arg(1 - z), and f/f0 by -(f/f0 - 1) (da / d ln R) / (k R). The cases
+        hold what is not known of the depths; only `SCALE_STD` washes fringes out.
         """
-        scale = np.exp(self.std * np.array([-1.0, 0.0, 1.0]))
-        reflection, product = (
-            part.reshape(-1, 1, 1) for part in np.meshgrid(REFLECTIONS, self.depths_m2 * scale)
-        )
-        weight = np.outer([0.25, 0.5, 0.25], THEIR_WEIGHTS).reshape(-1, 1, 1)
+        reflection, product, weight = self._cases()
         near = np.exp(log_range)
         ratio = near / np.sqrt(near**2 + 4.0 * product)
         wave_number = self.wave_number[:, None]

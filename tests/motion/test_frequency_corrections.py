@@ -7,9 +7,9 @@ import pytest
 
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.motion.passage.fit.estimator import (
+    correct_frequencies,
     fit_passage,
     fit_with_coloured_noise,
-    of_the_source,
 )
 from uwtrack_cli.motion.passage.model.law import passage_law
 from uwtrack_cli.motion.passage.model.measurements import FRAME_VARIANCE, PassageData, make_blocks
@@ -47,7 +47,7 @@ def test_a_short_passage_in_long_frames_keeps_its_width():
     blocks, medium = make_blocks(data_of(blurred, 1e-3)), Medium(1500.0)
     start = np.append(theta, 0.0)[None]
     white = fit_passage(blocks, start, np.ones(1), medium)
-    sharp = fit_passage(of_the_source(blocks, white), start, np.ones(1), medium)
+    sharp = fit_passage(correct_frequencies(blocks, white), start, np.ones(1), medium)
     off_s = [float(fit.range_over_speed_s[0]) - WIDTH_S for fit in (white, sharp)]
     assert off_s[0] > 0.004 * WIDTH_S
     assert abs(off_s[1]) < 0.1 * off_s[0]
@@ -72,7 +72,7 @@ def test_intervals_of_a_source_with_its_image_hold_its_range(reflection, source_
     start = np.array([[CLOSEST_S, np.log(WIDTH_S), SPEED_MPS, 0.0]])
     blocks = make_blocks(data_of(frequency, std_hz, 1e-3))
     white = fit_passage(blocks, start, np.ones(1), medium)
-    fit = fit_with_coloured_noise(white, of_the_source(blocks, white))
+    fit = fit_with_coloured_noise(white, correct_frequencies(blocks, white))
     due_s = np.hypot(flat_m, sensor_m - source_m) / SPEED_MPS
     off = [
         (one.range_over_speed_s[0] - due_s) / np.sqrt(one.covariance[0, 1, 1])
